@@ -5,12 +5,13 @@ one, `row.view(TYPE)[0]`: handing over a plain array costs a tenth of handing ov
 with names and words, `Estimate` and `Diagnostics`, are made where somebody looks.
 """
 
-from collections.abc import Sequence
-from typing import Final
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final, overload
 
 import numpy as np
 
-from .types import FloatArray, Measurement, Sensor
+from .types import Estimate, FloatArray, Innovation, Measurement, Sensor
 
 SAMPLE: Final = 5
 """Entries of a sample: time [s], `SensorIndex`, three components; 0 where it has fewer of them."""
@@ -69,6 +70,114 @@ ESTIMATE: Final = np.dtype(
     ]
 )
 
+INNOVATION: Final = 7
+"""Entries of an innovation: `SensorIndex`, normalised square, dimension (0 where there is none of
+this sample), 1 if accepted, the two whitened entries and the logarithm of the determinant, NaN
+where they are not known; see `Innovation`."""
+
+
+class Innovations(Sequence[Innovation]):
+    """Rows (n, `INNOVATION`) as innovations, which are made when someone looks."""
+
+    __slots__ = ("rows",)
+
+    def __init__(self, rows: FloatArray) -> None:
+        self.rows = rows[rows[:, 2] > 0.0]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Innovation: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Innovation, ...]: ...
+    def __getitem__(self, index: int | slice) -> Innovation | tuple[Innovation, ...]:
+        if isinstance(index, slice):
+            return tuple(map(self._innovation, self.rows[index].tolist()))
+        return self._innovation(self.rows[index].tolist())
+
+    def __iter__(self) -> Iterator[Innovation]:
+        return map(self._innovation, self.rows.tolist())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and tuple(self) == tuple(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @staticmethod
+    def _innovation(row: list[float]) -> Innovation:
+        index, normalised, dimension, accepted, first, second, log_determinant = row
+        known = () if math.isnan(first) else (first, second)[: int(dimension)]
+        item = (normalised, int(dimension), accepted == 1.0, known, log_determinant)
+        return Innovation(_SENSORS[int(index)][0], *item)
+
+
+def estimate_view(row: FloatArray, innovations: Sequence[Innovation] = ()) -> Estimate:
+    """Return the `Estimate` of a flat `ESTIMATE`; it shares its arrays."""
+    e = row.view(ESTIMATE)[0]
+    factors = e["noise_factors"]
+    return Estimate(
+        time_s=float(e["time_s"]),
+        state=e["state"],
+        covariance=e["covariance"],
+        trailer_xy=e["trailer_xy"],
+        hitch_angle=float(e["hitch_angle"]),
+        disturbance=e["disturbance"],
+        innovations=innovations,
+        map_disturbance=e["map_disturbance"],
+        noise_factors=None if math.isnan(factors[0]) else factors,
+    )
+
+
 ALARM: Final = 4
 """Entries of an alarm, a row for each detector: its `Reaction`, -1 where there is none, and three
 numbers of which the detector makes its reason in words; they are those of the alarm's begin."""
+
+TICK: Final = np.dtype(
+    [
+        # of each input: feedforward, feedback, robust action, their sum, command, smallest and
+        # largest command, and 1 where a limit acts
+        ("control", "f8", (3, 8)),
+        ("tracking", "f8", 11),  # z_e (7), z_m (4); NaN: none
+        ("tube", "f8", 20),  # see `TubeReport`; NaN: none
+        ("solver", "f8", 5),  # accepted, iterations, primal, dual residual, whether a fallback
+        ("law", "f8"),  # why another law than the controller's own acted, a code of its own
+        ("leaves_corridor", "f8"),
+        ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.supervise`
+        ("reason", "f8"),  # of a mode or of half speed, likewise
+        ("jump_m", "f8"),  # of the error; 0: none
+        ("cut", "f8", 3),  # what is wrong with a user's command, likewise
+        ("sample", "f8"),  # of the reference to which the errors are
+        ("stopping", "f8"),
+        ("waits", "f8"),  # whether the reference stays at this tick
+    ]
+)
+"""Record of a tick of control; `Diagnostics` is a view of it."""
+
+
+def new_tick() -> FloatArray:
+    """Return a record `TICK` of no tick."""
+    return np.zeros(TICK.itemsize // 8)
+
+
+_NO_FACTORS: Final = np.full(3, np.nan)
+_GNSS: Final = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
+
+
+def estimate_row(estimate: Estimate) -> FloatArray:
+    """Return the record `ESTIMATE` of an estimate, as of an estimator of a user."""
+    row = np.empty(ESTIMATE.itemsize // 8)
+    record = row.view(ESTIMATE)[0]
+    record["time_s"], record["hitch_angle"] = estimate.time_s, estimate.hitch_angle
+    for name in ("state", "trailer_xy", "disturbance", "map_disturbance", "covariance"):
+        record[name] = getattr(estimate, name)
+    factors = estimate.noise_factors
+    record["noise_factors"] = _NO_FACTORS if factors is None else factors
+    # A sample that the filter could not weigh, such as one that is not finite, has no innovation.
+    weighed = [item for item in estimate.innovations if math.isfinite(item.normalised_squared)]
+    record["nis"] = sum(item.normalised_squared for item in weighed)
+    record["nis_dof"] = sum(item.dimension for item in weighed)
+    record["position_seen"] = any(
+        item.accepted and item.sensor in _GNSS for item in estimate.innovations
+    )
+    return row

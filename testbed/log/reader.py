@@ -289,14 +289,11 @@ def recover(content: Content, file: Path) -> None:
         with atomic_write(file) as stream:
             metadata = {**content.metadata, **extent}
             topics = content.topics.values()
-            mcap, numbers = begin_log(stream, metadata, content.attachments, topics)
-            recovered = [
-                (message.log_time, number, message.data)
-                for name, number in numbers.items()
-                for message in content.messages.get(name, [])
-            ]
-            for time_ns, number, data in sorted(recovered, key=lambda item: item[0]):
-                mcap.add_message(number, time_ns, data, time_ns)
-            mcap.finish()
+            log, numbers = begin_log(stream, metadata, content.attachments, topics)
+            for name, number in numbers.items():
+                for message in content.messages.get(name, []):
+                    data = np.frombuffer(message.data, np.uint8)
+                    log.add(number, np.array([message.log_time]), data[None])
+            log.finish()
     except OSError as error:
         raise LogError(f"{file}: cannot be written: {error.strerror}") from error

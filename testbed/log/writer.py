@@ -1,27 +1,33 @@
-"""Log writer: a run as an MCAP file, one chunk per flush, with all indexes and checksums."""
+"""Log writer: a run as an MCAP file, encoded, packed and written by a thread."""
 
 import contextlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Final, Self
 
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import Writer
 
 from ..atomic_write import partial_path
 from ..errors import LogError, TestbedError
-from ..messages.publisher import Publisher, Topic, topics_of
+from ..messages.encoding import Encoded, TimesNs
+from ..messages.publisher import Batch, Publisher, Topic, topics_of
 from ..messages.scenery import Scenery
 from ..recording import channels as flat
+from .mcap_file import McapFile
 
 PROGRAM: Final = "ttempc"  # writer of the log, in its header
 RUN_METADATA: Final = "run"  # the name of the MCAP metadata record that describes the run
 FORMAT_KEY: Final = "log_format"
 FORMAT: Final = "1"  # incremented when an old reader would misread a new log
 
-_FLUSH_PERIOD_S: Final = 5.0  # simulated time that a killed process can lose
+# Simulated time that is collected for a chunk, and after which it must be in the file. A killed
+# process loses no more than their sum.
+_PERIOD_S: Final = 4.0
+_LATE_S: Final = 1.0
 _MEDIA_TYPES: Final = {
     ".toml": "application/toml",
     ".xml": "application/xml",
@@ -34,24 +40,25 @@ def begin_log(
     metadata: Mapping[str, str],
     attachments: Mapping[str, str | bytes],
     topics: Iterable[Topic],
-) -> tuple[Writer, dict[str, int]]:
-    """Write the start of a log; return the writer and the number of each topic's MCAP channel."""
-    mcap = Writer(stream, enable_data_crcs=True)
-    mcap.start(library=PROGRAM)
-    mcap.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT})
+) -> tuple[McapFile, dict[str, int]]:
+    """Write the start of a log; return its file and the number of each topic's MCAP channel."""
+    file = McapFile(stream, PROGRAM)
+    file.put(Metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT}))
     for name, content in attachments.items():
         data = content.encode() if isinstance(content, str) else content
-        mcap.add_attachment(0, 0, name, _MEDIA_TYPES.get(Path(name).suffix, "text/plain"), data)
+        kind = _MEDIA_TYPES.get(Path(name).suffix, "text/plain")
+        file.put(Attachment(0, 0, name, kind, data))
     schemas: dict[str, int] = {}
-    numbers = {}
-    for topic in topics:
+    numbers: dict[str, int] = {}
+    for number, topic in enumerate(topics, start=1):
         name = topic.schema_name
         if name not in schemas:
-            schemas[name] = mcap.register_schema(name, SchemaEncoding.Protobuf, topic.schema)
-        numbers[topic.name] = mcap.register_channel(
-            topic.name, MessageEncoding.Protobuf, schemas[name], dict(topic.metadata)
-        )
-    return mcap, numbers
+            schemas[name] = 1 + len(schemas)
+            file.put(Schema(schemas[name], topic.schema, SchemaEncoding.Protobuf, name))
+        about, encoding = dict(topic.metadata), MessageEncoding.Protobuf
+        file.put(Channel(number, topic.name, encoding, about, schemas[name]))
+        numbers[topic.name] = number
+    return file, numbers
 
 
 def refuse_existing_log(path: Path) -> None:
@@ -95,7 +102,9 @@ class LogWriter(Publisher):
             self._mcap, self._numbers = begin_log(
                 self._stream, metadata, attachments, topics_of(channels)
             )
-        self._next_flush_s = _FLUSH_PERIOD_S
+        self._thread = ThreadPoolExecutor(1, "log")  # starts with the first batch
+        self._written: Future[None] | None = None  # the latest batch
+        self._next_s = _PERIOD_S
         super().__init__(scenery or Scenery(), channels)
 
     def __enter__(self) -> Self:
@@ -120,24 +129,40 @@ class LogWriter(Publisher):
                 self._finish()
 
     def _finish(self) -> None:
-        """Write the index, flush to the disk and close the file."""
+        """Write the rest and the index, flush to the disk and close the file."""
         try:
-            self._publish()
+            self._hand_over()
+            self._wait()
             self._mcap.finish()
-            self._stream.flush()
             os.fsync(self._stream.fileno())
         finally:
+            self._thread.shutdown()
             self._stream.close()
 
-    def _send(self, topic: str, time_ns: int, data: bytes) -> None:
-        self._mcap.add_message(self._numbers[topic], time_ns, data, time_ns)
+    def _send(self, topic: str, times_ns: TimesNs, messages: Encoded) -> None:
+        self._mcap.add(self._numbers[topic], times_ns, messages)
 
     def _collected(self, time_s: float) -> None:
-        if time_s >= self._next_flush_s:
-            self._next_flush_s = time_s + _FLUSH_PERIOD_S
-            self._publish()
-            with self._writing():
-                self._mcap.flush()
+        if self._written and time_s >= self._next_s - _PERIOD_S + _LATE_S:
+            self._wait()
+        if time_s >= self._next_s:
+            self._next_s = time_s + _PERIOD_S
+            self._hand_over()
+
+    def _hand_over(self) -> None:
+        """Let the thread encode and write what was collected."""
+        self._written = self._thread.submit(self._write, self._take())
+
+    def _write(self, batch: Batch) -> None:
+        self._publish(batch)
+        self._mcap.flush()
+
+    def _wait(self) -> None:
+        """Wait until the latest batch is in the file; raise what its thread raised."""
+        written, self._written = self._written, None
+        with self._writing():
+            if written:
+                written.result()
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:

@@ -7,7 +7,6 @@ rounded to single precision (2 um at 30 m), which halves the size of a log.
 """
 
 import itertools
-from collections.abc import Sequence
 from functools import cache
 from typing import Final
 
@@ -46,6 +45,8 @@ LEVELS: Final = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 Encoded = NDArray[np.uint8]
 """Messages of one length, (n, bytes)."""
+TimesNs = NDArray[np.int64]
+"""Times of messages, (n,) [ns]."""
 
 _MESSAGE_PATH: Final = (4, 0)  # FileDescriptorProto.message_type[0], where comments hang
 _NS_PER_S: Final = 1_000_000_000
@@ -74,24 +75,37 @@ class Template:
 
     def __init__(self, example: Message) -> None:
         data = example.SerializeToString()
-        self._data = np.frombuffer(data, np.uint8).reshape(1, -1)
+        self._data = np.frombuffer(data, np.uint8)
         holes = itertools.takewhile(lambda at: at >= 0, (data.find(b"hole%04d" % k) for k in _ALL))
-        places = np.array([*holes], np.intp)
-        self._numbers = (places[:, None] + np.arange(8)).ravel()
-        self.width = len(places)  # numbers of a message
+        runs: list[list[int]] = []  # places of numbers in turn, at equal distances
+        for place in holes:
+            if runs and (len(run := runs[-1]) == 1 or place - run[-1] == run[1] - run[0]):
+                run.append(place)
+            else:
+                runs.append([place])
+        self.width = sum(map(len, runs))  # numbers of a message
+        ends = itertools.accumulate(map(len, runs))
+        self._runs = [
+            (slice(end - len(run), end), run[0], run[min(1, len(run) - 1)] - run[0])
+            for end, run in zip(ends, runs, strict=True)
+        ]
         stamps = [at for at in range(len(data)) if data.startswith(_STAMP_DATA, at)]
         self._stamps = [slice(at, at + len(_STAMP_DATA)) for at in stamps]
 
-    def fill(self, values: FloatArray, times_ns: NDArray[np.int64] | None = None) -> Encoded:
+    def fill(self, values: FloatArray, times_ns: TimesNs | None = None) -> Encoded:
         """Return n messages with the numbers `values` (n, doubles) at the times (n,) [ns]."""
-        filled = np.repeat(self._data, len(values), axis=0)
+        count, length = len(values), len(self._data)
+        filled = np.empty((count, length), np.uint8)
+        filled[:] = self._data
         if self._stamps and times_ns is not None:
-            stamps = np.tile(np.frombuffer(_STAMP_DATA, np.uint8), (len(values), 1))
+            stamps = np.tile(np.frombuffer(_STAMP_DATA, np.uint8), (count, 1))
             stamps[:, _SECONDS] = _varints(times_ns // _NS_PER_S)
             stamps[:, _NANOS] = _varints(times_ns % _NS_PER_S)
             for place in self._stamps:
                 filled[:, place] = stamps
-        filled[:, self._numbers] = np.ascontiguousarray(values, float).view(np.uint8)
+        for numbers, place, stride in self._runs:
+            part = values[:, numbers]
+            np.ndarray(part.shape, "<f8", filled.data, place, (length, stride))[:] = part
         return filled
 
 
@@ -148,26 +162,25 @@ def fix_template(frame: str) -> Template:
     )
 
 
-def encode_fixes(frame: str, times_ns: NDArray[np.int64], points: FloatArray) -> Encoded:
+def encode_fixes(frame: str, times_ns: TimesNs, points: FloatArray) -> Encoded:
     """Return measured positions (n, 2) [m] as LocationFix without height."""
-    degrees = [DATUM.degrees(x, y) for x, y in points.tolist()]
-    return fix_template(frame).fill(np.array(degrees), times_ns)
+    degrees = (DATUM.latitude_deg, DATUM.longitude_deg) + points[:, ::-1] / DATUM.metres_per_degree
+    return fix_template(frame).fill(degrees, times_ns)
 
 
-def encode_poses(times_ns: NDArray[np.int64], poses: FloatArray) -> Encoded:
+def encode_poses(times_ns: TimesNs, poses: FloatArray) -> Encoded:
     """Return poses (n, 6), x, y, z [m], yaw, pitch, roll [rad], as PoseInFrame."""
     return _POSE.fill(single(np.column_stack([poses[:, :3], quaternions(poses)])), times_ns)
 
 
-def encode_paths(times_ns: NDArray[np.int64], lines: Sequence[FloatArray]) -> list[bytes]:
-    """Return lines (n, 3) [m] as PosesInFrame; a pose has the heading to the next point."""
-    half = 0.5 * np.concatenate([headings(line) for line in lines])  # of all poses in turn
-    level = np.zeros_like(half)
-    poses = np.column_stack([np.concatenate(lines), np.cos(half), level, level, np.sin(half)])
-    ends = np.cumsum([len(line) for line in lines])
-    parts = np.split(_PATH_POSE.fill(single(poses)), ends[:-1])
+def encode_paths(times_ns: TimesNs, lines: FloatArray) -> Encoded:
+    """Return lines (n, points, 3) [m] as PosesInFrame; a pose has the heading to the next point."""
+    poses = np.zeros((*lines.shape[:2], 7))
+    half = 0.5 * headings(lines)
+    poses[..., :3], poses[..., 3], poses[..., 6] = lines, np.cos(half), np.sin(half)
+    parts = _PATH_POSE.fill(single(poses.reshape(-1, 7)))
     heads = _PATH_HEAD.fill(np.empty((len(lines), 0)), times_ns)
-    return [head.tobytes() + part.tobytes() for head, part in zip(heads, parts, strict=True)]
+    return np.hstack([heads, parts.reshape(len(lines), -1)])
 
 
 def encode_event(event: Event) -> bytes:
@@ -197,12 +210,16 @@ def quaternions(poses: FloatArray) -> FloatArray:
 
 
 def headings(points: FloatArray) -> FloatArray:
-    """Return the heading [rad] from each point to the next, (n,); the last keeps the one before."""
-    if len(points) < 2:
-        return np.zeros(len(points))
-    steps = np.diff(points[:, :2], axis=0)
-    ahead = np.arctan2(steps[:, 1], steps[:, 0])
-    return np.append(ahead, ahead[-1])
+    """Return the heading [rad] from each point (..., n, 2 or 3) to the next, (..., n).
+
+    The last point keeps the heading of the one before; that of a single point is 0.
+    """
+    steps = np.diff(points[..., :2], axis=-2)
+    ahead = np.zeros(points.shape[:-1])
+    ahead[..., :-1] = np.arctan2(steps[..., 1], steps[..., 0])
+    if points.shape[-2] > 1:
+        ahead[..., -1] = ahead[..., -2]
+    return ahead
 
 
 def message_name(channel: Channel) -> str:

@@ -2,9 +2,9 @@
 
 import math
 from abc import ABC, abstractmethod
-from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +15,6 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap_protobuf.schema import build_file_descriptor_set
-from numpy.typing import NDArray
 
 from ttempc.types import FloatArray, Sensor
 
@@ -31,10 +30,11 @@ from ..recording.channels import (
     error_rows,
     unit_of,
 )
-from ..recording.record import Event, Sink, check_row
-from ..truth import Truth
+from ..recording.record import Event, Sink, check_rows
+from ..truth import Moments
 from .encoding import (
     Encoded,
+    TimesNs,
     descriptor_set,
     encode_event,
     encode_fixes,
@@ -59,6 +59,9 @@ _GNSS: Final = (  # topic, frame, columns of x, y and sample time in `MEASUREMEN
     (topics.GNSS_TOPIC, "tractor", MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
     (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
 )
+# Pose of an axle point; columns of both poses in `STATE`.
+_POSE: Final = ("x_{}_m", "y_{}_m", "z_{}_m", "psi_{}_rad", "pitch_{}_rad", "roll_{}_rad")
+_POSES: Final = [STATE.fields.index(name.format(body)) for body in "ti" for name in _POSE]
 _DRAWN: Final[tuple[tuple[str, Any, str], ...]] = (
     (topics.TRANSFORMS_TOPIC, FrameTransforms, "true pose of every body in the map frame"),
     (topics.TRACTOR_TOPIC, PoseInFrame, "true pose of the tractor point"),
@@ -113,127 +116,116 @@ def _with_error(channels: Sequence[Channel]) -> Sequence[Channel]:
     return (*channels, ERROR) if {STATE, REFERENCE} <= set(channels) else channels
 
 
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Data of a run that wait to be encoded, as they came."""
+
+    rows: dict[str, list[tuple[FloatArray, FloatArray]]]  # by topic: times (n,), values (n, fields)
+    pairs: list[tuple[FloatArray, FloatArray, FloatArray]]  # times, rows of state and of reference
+    scenes: list[tuple[FloatArray, FloatArray]]  # times (n,), poses (n, bodies, 7)
+    paths: list[tuple[str, float, FloatArray]]  # topic, time, points (n, 2)
+    events: list[tuple[float, bytes]]  # time, message
+
+
 class Publisher(Sink, ABC):
     """Base class of a sink that encodes messages; a subclass sends them.
 
-    Rows, transforms, poses and paths are collected and encoded together when the subclass calls
-    `_publish`: in a batch a message costs a tenth of a single one. A subclass must be ready to
-    `_send` before it calls this constructor.
+    Data are collected, and encoded together when the subclass calls `_messages`: in a batch a
+    message costs a tenth of a single one. A subclass must be ready to `_send` before it calls this
+    constructor.
     """
 
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
         self._templates = {each.topic: row_template(each) for each in _with_error(channels)}
-        self._rows = {topic: array("d") for topic in self._templates}  # each with its time first
-        self._state = (math.nan, array("d"))  # time and row of the latest state
-        self._pairs = array("d")  # time, row of the state, row of the reference at that time
+        self._topics = [each.topic for each in channels]
+        self._state: tuple[FloatArray, FloatArray] | None = None  # the latest block
+        self._batch = self._empty()
         self._scenery = scenery
         self._transforms = transforms_template(scenery.body_names)
-        self._scenes: list[tuple[float, FloatArray, FloatArray]] = []  # time, places, turns
-        self._poses: list[tuple[float, ...]] = []  # time, poses of both axle points
-        self._paths: list[tuple[str, float, FloatArray]] = []
         self._driven: list[tuple[float, ...]] = []  # x, y of both axle points
         self._next_pose_s = 0.0
         self._next_driven_s = _DRIVEN_PERIOD_S
         if scenery.shapes:
-            self._send(topics.SCENE_TOPIC, 0, scenery.shapes)
+            self._send(topics.SCENE_TOPIC, *_single(0.0, scenery.shapes))
 
     @abstractmethod
-    def _send(self, topic: str, time_ns: int, data: bytes) -> None:
-        """Send one message of a topic in `topics_of`."""
+    def _send(self, topic: str, times_ns: TimesNs, messages: Encoded) -> None:
+        """Send messages of a topic in `topics_of`."""
 
     @abstractmethod
     def _collected(self, time_s: float) -> None:
         """React to new data of a time [s]: `_publish` where it is due."""
 
-    def _send_all(self, topic: str, times_ns: NDArray[np.int64], messages: Encoded) -> None:
-        """Send messages of one length on a topic."""
-        for time_ns, message in zip(times_ns.tolist(), messages, strict=True):
-            self._send(topic, time_ns, message.tobytes())
-
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Publish one row, and with a reference the error of the state of its time."""
-        check_row(channel, values)
-        rows = self._rows[channel.topic]
-        rows.append(time_s)
-        rows.extend(values)
+    def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
+        """Publish rows, and with a reference the errors of the states of its times."""
+        check_rows(channel, times, values)
+        if not len(times):
+            return
+        self._batch.rows[channel.topic].append((times.copy(), values.copy()))
         if channel is STATE:
-            self._state = (time_s, array("d", values))
-        elif channel is REFERENCE and self._state[0] == time_s:
-            self._pairs.extend((time_s, *self._state[1], *values))
-        self._collected(time_s)
+            self._state = self._batch.rows[channel.topic][-1]
+        elif channel is REFERENCE and self._state and np.array_equal(times, self._state[0]):
+            self._batch.pairs.append((*self._state, values.copy()))
+        self._collected(times[-1])
 
     def event(self, event: Event) -> None:
         """Publish one event as a log line."""
-        self._send(topics.EVENT_TOPIC, nanoseconds(event.time_s), encode_event(event))
+        self._batch.events.append((event.time_s, encode_event(event)))
+        self._collected(event.time_s)
 
-    def scene(self, truth: Truth) -> None:
-        """Publish the transform of every body, the poses of both axle points and their path."""
-        time_s, tractor, trailer = truth.time_s, truth.tractor, truth.trailer
-        self._scenes.append((time_s, truth.body_xyz, truth.body_quat))
-        if time_s >= self._next_pose_s:
-            self._next_pose_s = time_s + _POSE_PERIOD_S
-            self._poses.append((time_s, *tractor, *trailer))
-            x, y = self._driven[-1][:2] if self._driven else (math.inf, math.inf)
-            if math.hypot(tractor.x - x, tractor.y - y) > _DRIVEN_STEP_M:
-                self._driven.append((tractor.x, tractor.y, trailer.x, trailer.y))
-            if time_s >= self._next_driven_s:
-                self._next_driven_s = time_s + max(_DRIVEN_PERIOD_S, _DRIVEN_SHARE * time_s)
-                driven = np.array(self._driven)
-                self.path(topics.DRIVEN_TOPIC, time_s, driven[:, :2])
-                self.path(topics.DRIVEN_TRAILER_TOPIC, time_s, driven[:, 2:])
-        self._collected(time_s)
+    def scenes(self, moments: Moments) -> None:
+        """Publish the transforms of every body."""
+        times = moments.rows[:, 0]
+        self._batch.scenes.append((times.copy(), moments.poses.copy()))
+        self._collected(times[-1])
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Publish a line of points (n, 2) [m], map frame, laid on the ground."""
-        self._paths.append((topic, time_s, np.array(points)))  # a copy: the caller may reuse its
+        self._batch.paths.append((topic, time_s, np.array(points)))  # the caller may reuse its
         self._collected(time_s)
 
-    def _publish(self) -> None:
-        """Encode and send the collected data, topic by topic."""
-        if self._pairs:
-            pairs, self._pairs = np.array(self._pairs), array("d")
-            ends = [1, 1 + len(STATE.fields)]
-            times, states, references = np.split(
-                pairs.reshape(-1, ends[1] + len(REFERENCE.fields)), ends, axis=1
-            )
-            errors = np.column_stack([times, error_rows(states, references)])
-            self._rows[ERROR.topic].frombytes(errors.tobytes())
-        for topic, rows in self._rows.items():
-            if rows:
-                template, self._rows[topic] = self._templates[topic], array("d")
-                table = np.array(rows).reshape(-1, template.width)
-                times_ns = _nanoseconds(table[:, 0])
-                self._send_all(topic, times_ns, template.fill(table))
-                if topic == MEASUREMENT.topic:
-                    self._publish_fixes(times_ns, table[:, 1:])
-        if self._scenes:
-            scenes, self._scenes = self._scenes, []
-            times, places, turns = (np.array(each) for each in zip(*scenes, strict=True))
-            bodies = single(np.concatenate([places, turns], axis=2)).reshape(
-                len(times), 7 * places.shape[1]
-            )
-            times_ns = _nanoseconds(times)
-            messages = self._transforms.fill(bodies, times_ns)
-            self._send_all(topics.TRANSFORMS_TOPIC, times_ns, messages)
-        if self._poses:
-            poses, self._poses = np.array(self._poses), []
-            times_ns = _nanoseconds(poses[:, 0])
-            for topic, part in zip(
-                (topics.TRACTOR_TOPIC, topics.TRAILER_TOPIC), (1, 7), strict=True
-            ):
-                messages = encode_poses(times_ns, poses[:, part : part + 6])
-                self._send_all(topic, times_ns, messages)
-        if self._paths:
-            paths, self._paths = self._paths, []
-            names, times, lines = zip(*paths, strict=True)
-            times_ns = _nanoseconds(np.array(times))
-            drawn = self._scenery.on_ground(np.concatenate(lines))
-            lines = np.split(drawn, np.cumsum([len(line) for line in lines[:-1]]))
-            encoded = encode_paths(times_ns, lines)
-            for topic, time_ns, data in zip(names, times_ns.tolist(), encoded, strict=True):
-                self._send(topic, time_ns, data)
+    def _empty(self) -> Batch:
+        return Batch({topic: [] for topic in self._topics}, [], [], [], [])
 
-    def _publish_fixes(self, times_ns: NDArray[np.int64], measured: FloatArray) -> None:
+    def _take(self) -> Batch:
+        """Return the collected data and begin anew."""
+        batch, self._batch = self._batch, self._empty()
+        return batch
+
+    def _publish(self, batch: Batch) -> None:
+        """Encode and send data, topic by topic; of the batches each after the one before."""
+        for topic, blocks in batch.rows.items():
+            if blocks:
+                times, rows = _joined(blocks)
+                times_ns = self._send_rows(topic, times, rows)
+                if topic == MEASUREMENT.topic:
+                    self._publish_fixes(times_ns, rows)
+                elif topic == STATE.topic:
+                    batch.paths.extend(self._publish_poses(times, rows))
+        if batch.pairs:
+            times, states, references = _joined(batch.pairs)
+            self._send_rows(ERROR.topic, times, error_rows(states, references))
+        if batch.scenes:
+            times, poses = _joined(batch.scenes)
+            times_ns = _nanoseconds(times)
+            bodies = single(poses.reshape(len(times), -1))
+            self._send(topics.TRANSFORMS_TOPIC, times_ns, self._transforms.fill(bodies, times_ns))
+        paths = sorted(batch.paths, key=lambda path: path[0])
+        for (topic, count), group in groupby(paths, lambda path: (path[0], len(path[2]))):
+            _, times, lines = zip(*group, strict=True)
+            times_ns = _nanoseconds(np.array(times))
+            drawn = self._scenery.on_ground(np.concatenate(lines)).reshape(-1, count, 3)
+            self._send(topic, times_ns, encode_paths(times_ns, drawn))
+        for event in batch.events:
+            self._send(topics.EVENT_TOPIC, *_single(*event))
+
+    def _send_rows(self, topic: str, times_s: FloatArray, rows: FloatArray) -> TimesNs:
+        times_ns = _nanoseconds(times_s)
+        messages = self._templates[topic].fill(np.column_stack([times_s, rows]))
+        self._send(topic, times_ns, messages)
+        return times_ns
+
+    def _publish_fixes(self, times_ns: TimesNs, measured: FloatArray) -> None:
         """Send the GNSS samples of measurement rows as fixes, stamped with their own time."""
         for topic, frame, columns in _GNSS:
             samples = measured[:, columns]  # x, y, time
@@ -241,9 +233,44 @@ class Publisher(Sink, ABC):
             if taken.any():
                 stamps = _nanoseconds(samples[taken, 2])
                 fixes = encode_fixes(frame, stamps, samples[taken, :2])
-                self._send_all(topic, times_ns[taken], fixes)
+                self._send(topic, times_ns[taken], fixes)
+
+    def _publish_poses(
+        self, times_s: FloatArray, states: FloatArray
+    ) -> Iterator[tuple[str, float, FloatArray]]:
+        """Send poses of both axle points; yield the driven paths that are due."""
+        poses, due = states[:, _POSES], []
+        for k in np.flatnonzero(np.isfinite(poses).all(axis=1)).tolist():  # others have no place
+            if times_s[k] >= self._next_pose_s:
+                self._next_pose_s = times_s[k] + _POSE_PERIOD_S
+                due.append(k)
+        if not due:
+            return
+        poses, times_s = poses[due], times_s[due]
+        times_ns = _nanoseconds(times_s)
+        self._send(topics.TRACTOR_TOPIC, times_ns, encode_poses(times_ns, poses[:, :6]))
+        self._send(topics.TRAILER_TOPIC, times_ns, encode_poses(times_ns, poses[:, 6:]))
+        points = poses[:, [0, 1, 6, 7]].tolist()
+        for time_s, (x, y, *trailer) in zip(times_s.tolist(), points, strict=True):
+            if not self._driven or math.dist((x, y), self._driven[-1][:2]) > _DRIVEN_STEP_M:
+                self._driven.append((x, y, *trailer))
+            if time_s >= self._next_driven_s:
+                self._next_driven_s = time_s + max(_DRIVEN_PERIOD_S, _DRIVEN_SHARE * time_s)
+                driven = np.array(self._driven)
+                yield topics.DRIVEN_TOPIC, time_s, driven[:, :2]
+                yield topics.DRIVEN_TRAILER_TOPIC, time_s, driven[:, 2:]
 
 
-def _nanoseconds(times_s: FloatArray) -> NDArray[np.int64]:
+def _single(time_s: float, data: bytes) -> tuple[TimesNs, Encoded]:
+    """Return the arrays of one message."""
+    return np.array([nanoseconds(time_s)]), np.frombuffer(data, np.uint8)[None]
+
+
+def _joined(blocks: Sequence[tuple[FloatArray, ...]]) -> Iterator[FloatArray]:
+    """Return each of the arrays of all blocks as one."""
+    return (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+
+
+def _nanoseconds(times_s: FloatArray) -> TimesNs:
     """Return `nanoseconds` of every time, (n,)."""
     return np.rint(times_s * 1e9).astype(np.int64)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final, Self
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from ..errors import LiveError
+from ..messages.encoding import Encoded, TimesNs
 from ..messages.publisher import Publisher, topics_of
 from ..messages.scenery import Scenery
 from ..recording.channels import (
@@ -145,15 +146,17 @@ class LiveView(Publisher):
         self._gate.close()
         self._server.stop()
 
-    def _send(self, topic: str, time_ns: int, data: bytes) -> None:
-        if time_ns > self._due_ns:
-            self._wait(time_ns)
-        if topic in _RETAINED:
-            self._retained[topic] = (data, time_ns)
-        self._channels[topic].log(data, log_time=time_ns)
+    def _send(self, topic: str, times_ns: TimesNs, messages: Encoded) -> None:
+        for time_ns, message in zip(times_ns.tolist(), messages, strict=True):
+            data = message.tobytes()
+            if time_ns > self._due_ns:
+                self._wait(time_ns)
+            if topic in _RETAINED:
+                self._retained[topic] = (data, time_ns)
+            self._channels[topic].log(data, log_time=time_ns)
 
     def _collected(self, time_s: float) -> None:
-        self._publish()
+        self._publish(self._take())
 
     def _wait(self, time_ns: int) -> None:
         """Sleep until a simulated time has come on the wall clock."""

@@ -9,10 +9,11 @@ from proving_ground.testbed.recording.channels import (
     MEASUREMENT_COLUMNS,
     PREDICTED_PATH_TOPIC,
     REFERENCE_PATH_TOPIC,
+    STATE,
 )
 from proving_ground.testbed.recording.record import Event
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 from ttempc.types import Sensor
 
 PERIOD_S = 0.04
@@ -39,10 +40,13 @@ def feed(sink, duration_s=22.0) -> None:
             if channel is MEASUREMENT:  # a fix must be a finite position at a time of the run
                 first = MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER].stop
                 values[[columns.stop - 1 for columns in MEASUREMENT_COLUMNS.values()]] = 0.5 * now
+            elif channel is STATE:  # a pose must be finite
+                first = STATE.fields.index("psi_d_rad")
+                values[:first], values[0], values[2] = 0.0, now, 0.3
             values[first : first + 4] = (np.nan, -0.0, np.inf, 5e-324)
             sink.row(channel, now, values.tolist())
         bodies = {"body_xyz": rng.normal(size=(2, 3)), "body_quat": rng.normal(size=(2, 4))}
-        sink.scene(truth(tractor={"x": now, "yaw": 0.3}, time_s=now, **bodies))
+        sink.scenes(moments(truth(time_s=now, **bodies)))
         if k % 5 == 0:
             sink.path(PREDICTED_PATH_TOPIC, now, rng.normal(size=(15, 2)))
         now += PERIOD_S  # adds up rounding errors, as simulated time does

@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from ..jit import cached_njit
+from ..models.augmented_state import SensorIndex
 from ..types import FloatArray, Input, Sensor
 from ..vehicle import Vehicle
 from .learner import Identification, ParameterChange
-from .window import RecordedTick
+from .window import COMMAND, TIME, RecordedTick, Window
 
-_LONGEST_STEP_S: Final = 0.02  # a seventh of the shortest lag of the paper's vehicle
 _SAME_TIME_S: Final = 1e-9
 
 
@@ -36,25 +35,31 @@ def respond(
     The actuator is at rest at the first of the `commands` (m,), which are held from `starts` (m,)
     [s] on. They arrive after the `dead_time` [s]; a play of half width `play` follows them, a set
     point follows the play at the `rate` limit, and the output follows the set point with the `lag`
-    [s]. Steps of the integration end where a command arrives, so that the output is continuous in
-    all parameters.
+    [s]. Exact between commands, and continuous in all parameters.
     """
     now, output, valve, target = starts[0], commands[0], commands[0], commands[0]
     index, last = 0, len(commands) - 1  # of the command that has arrived
     for n in range(len(times)):
         while now < times[n] - _SAME_TIME_S:
-            end = min(times[n], now + _LONGEST_STEP_S)
             while index < last and starts[index + 1] + dead_time <= now + _SAME_TIME_S:
                 index += 1
+            end = times[n]
             if index < last:
                 end = min(end, starts[index + 1] + dead_time)
-            step = end - now
             target = min(max(target, commands[index] - play), commands[index] + play)
-            before, way = valve, target - valve
-            moving = min(step, abs(way) / rate)  # [s], at the rate limit
-            valve = target if moving < step else before + math.copysign(rate * step, way)
-            mean = valve + 0.5 * (before - valve) * moving / step
-            output = mean + (output - mean) * math.exp(-step / lag)
+            way, rest = target - valve, end - now
+            if way != 0.0:
+                moving = min(rest, abs(way) / rate)  # [s], along a ramp
+                if moving > 0.0:
+                    slope = math.copysign(rate, way)
+                    behind = output - valve + slope * lag  # what fades of the output
+                    output = valve + slope * (moving - lag) + behind * math.exp(-moving / lag)
+                    valve += slope * moving
+                rest -= moving
+                if rest > 0.0:
+                    valve = target
+            if rest > 0.0:
+                output = valve + (output - valve) * math.exp(-rest / lag)
             now = end
         response[n] = output
 
@@ -68,13 +73,18 @@ _LEAST_LAGS: Final = (
 )
 _SETTLING_S: Final = 2.0  # of a window: what was sent before it still acts
 _CORRELATED_S: Final = 1.0  # over which residuals may be correlated
+_COARSE: Final = 4  # samples of which the search for a beginning takes one
 _BOUNDS: Final = ((0.0, LONGEST_S), (0.02, 5.0), (0.0, math.radians(4.0)))
 _STEPS: Final = (0.01, 0.01, 0.002)  # of the derivatives: [s], [s], [rad]
 _MOST_ITERATIONS: Final = 12
-_CONVERGED: Final = 1e-6  # relative decrease of the squares that ends a search
+# Decrease of the squares, in variances of a sample, below which a search ends: a tenth of a
+# standard deviation of white residuals.
+_CONVERGED: Final = 1e-2
 # Decrease of the squares, in variances of a sample, for which a parameter more is fitted: four
 # standard deviations of white residuals.
 _WORTH: Final = 16.0
+_PROMISING: Final = 0.5  # share of it that a linear forecast must reach; assumed
+_DEPENDENT: Final = 1e-20  # squares of a column beside others, relative, that count as none
 # A value changes where it differs by three standard deviations and by more than a tenth of a
 # control period, which costs nothing to leave, and where it is known to half a period.
 _SIGNIFICANT: Final = 3.0
@@ -176,35 +186,28 @@ class _Response:
         cls, window: Sequence[RecordedTick], vehicle: Vehicle, input_: Input
     ) -> _Response | None:
         """Return the response in a window; None where it is too short."""
-        actuator = _ACTUATORS[input_]
-        sent = [
-            (before.time_s, float(tick.command.as_array()[input_]))
-            for before, tick in pairwise(window)
-            if tick.command is not None
-        ]
-        if not sent:
+        actuator, flat = _ACTUATORS[input_], Window.of(window)
+        commands = flat.ticks[1:, COMMAND][:, input_]
+        known = ~np.isnan(commands)
+        if not known.any():
             return None
-        begin, end = sent[0][0], window[-1].time_s
-        measured = sorted(
-            {
-                (sample.time_s - begin, sample.value[0])
-                for tick in window
-                for sample in tick.samples
-                if sample.sensor is actuator.sensor
-                and math.isfinite(sample.value[0])
-                and begin + _SETTLING_S <= sample.time_s <= end
-            }
-        )
+        starts = flat.ticks[:-1, TIME][known]
+        begin, end = starts[0], flat.ticks[-1, TIME]
+        rows = flat.samples[flat.samples[:, 1] == SensorIndex[actuator.sensor.name]]
+        usable = (begin + _SETTLING_S <= rows[:, 0]) & (rows[:, 0] <= end)
+        times, samples = rows[usable & np.isfinite(rows[:, 2])][:, [0, 2]].T
+        order = np.lexsort((samples, times))
+        times, samples = times[order], samples[order]
+        again = (np.diff(times) == 0.0) & (np.diff(samples) == 0.0)
+        first = np.append(True, ~again)[: len(times)]
         least = max(_LEAST_S, _LEAST_LAGS * getattr(vehicle, actuator.lag))
-        if end - begin < least or len(measured) < _LEAST_S:
+        if end - begin < least or first.sum() < _LEAST_S:
             return None
-        starts, commands = np.array(sent).T
-        times, samples = np.array(measured).T
         return cls(
             starts=starts - begin,
-            commands=np.ascontiguousarray(commands),
-            times=np.ascontiguousarray(times),
-            samples=np.ascontiguousarray(samples),
+            commands=commands[known],
+            times=times[first] - begin,
+            samples=samples[first],
             lag=getattr(vehicle, actuator.lag),
             rate=getattr(vehicle, actuator.rate) if actuator.rate else math.inf,
             steering=actuator.rate is not None,
@@ -212,21 +215,24 @@ class _Response:
 
     def fit(self) -> ActuatorFit:
         """Return the best parameters; each one more than the dead time must be worth it."""
+        coarse = replace(self, times=self.times[::_COARSE], samples=self.samples[::_COARSE])
         grid = [np.array([d, self.lag, 0.0]) for d in np.linspace(0.0, LONGEST_S, 16)]
-        start = min(grid, key=lambda values: float((self._residuals(values) ** 2).sum()))
+        start = min(grid, key=lambda values: _squares(coarse.residuals(values)))
         best = self._search(start, [_DEAD_TIME])
         for more in (_PLAY, _LAG) if self.steering else (_LAG,):
+            if not self._promises(best, more):
+                continue
             values = best.values.copy()
             values[_PLAY] = max(values[_PLAY], _STEPS[_PLAY] if more == _PLAY else 0.0)
             trial = self._search(values, [*best.free, more])
-            variance = trial.squares / len(self.times)
-            if best.squares - trial.squares > _WORTH * variance:
+            variance = _squares(trial.residuals) / len(self.times)
+            if _squares(best.residuals) - _squares(trial.residuals) > _WORTH * variance:
                 best = trial
         dead_time, lag, play = best.values.tolist()
         sd = self._deviations(best)
         return ActuatorFit(dead_time, sd[_DEAD_TIME], lag, sd[_LAG], play)
 
-    def _residuals(self, values: FloatArray) -> FloatArray:
+    def residuals(self, values: FloatArray) -> FloatArray:
         """Return the samples less the response, what is fitted beside taken out, (n,)."""
         dead_time, lag, play = values.tolist()
         response = np.empty_like(self.times)
@@ -234,30 +240,49 @@ class _Response:
         if self.steering:
             residuals = self.samples - response
             return residuals - residuals.mean()
-        decay = np.exp(-self.times / lag)
-        beside = np.stack([response, np.ones_like(response), decay], axis=1)
-        return self.samples - beside @ np.linalg.lstsq(beside, self.samples, rcond=None)[0]
+        residuals, beside = self.samples - self.samples.mean(), list[FloatArray]()
+        for column in (np.exp(-self.times / lag), response):  # orthogonal one to the other
+            size = _squares(column)
+            column = column - column.mean()
+            for other in beside:
+                column -= (column @ other) * other
+            if (left := _squares(column)) > _DEPENDENT * size:
+                beside.append(column / math.sqrt(left))
+                residuals -= (residuals @ beside[-1]) * beside[-1]
+        return residuals
 
     def _search(self, values: FloatArray, free: list[int]) -> _Search:
         """Return the minimum over the `free` parameters near `values` (3,): Levenberg-Marquardt."""
-        residuals, damping = self._residuals(values), 1e-3
-        squares = float(residuals @ residuals)
+        residuals, damping = self.residuals(values), 1e-3
+        jacobian, squares = self._jacobian(values, free), _squares(residuals)
         for _ in range(_MOST_ITERATIONS):
-            jacobian = self._jacobian(values, free)
-            normal = jacobian.T @ jacobian
+            normal, gradient = jacobian.T @ jacobian, jacobian.T @ residuals
             damped = normal + damping * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(free))
             trial = values.copy()
-            trial[free] -= np.linalg.solve(damped, jacobian.T @ residuals)
+            trial[free] -= np.linalg.solve(damped, gradient)
             for i in free:
                 trial[i] = min(max(trial[i], _BOUNDS[i][0]), _BOUNDS[i][1])
-            other = self._residuals(trial)
-            change = squares - float(other @ other)
-            damping *= 0.3 if change > 0.0 else 10.0
-            if change > 0.0:
-                values, residuals, squares = trial, other, squares - change
-            if abs(change) < _CONVERGED * squares:
+            step = (trial - values)[free]
+            expected = -step @ (2.0 * gradient + normal @ step)
+            if expected < _CONVERGED * squares / len(residuals):
                 break
-        return _Search(values, free, squares)
+            other = self.residuals(trial)
+            if (less := _squares(other)) < squares:
+                values, residuals, squares, damping = trial, other, less, 0.3 * damping
+                jacobian = self._jacobian(values, free)
+            else:
+                damping *= 10.0
+        return _Search(values, free, residuals, jacobian)
+
+    def _promises(self, best: _Search, more: int) -> bool:
+        """Whether one parameter more may be worth it: by the linear decrease of the squares."""
+        column = self._jacobian(best.values, [more])[:, 0]
+        beside = best.jacobian
+        if (normal := beside.T @ beside).any():
+            column = column - beside @ np.linalg.lstsq(normal, beside.T @ column, rcond=None)[0]
+        decrease = float(column @ best.residuals) ** 2
+        variance = _squares(best.residuals) / len(self.times)
+        return decrease > _PROMISING * _WORTH * variance * _squares(column)
 
     def _jacobian(self, values: FloatArray, free: list[int]) -> FloatArray:
         """Return the derivatives of the residuals by the `free` parameters, (n, free)."""
@@ -266,28 +291,25 @@ class _Response:
             low, high = values.copy(), values.copy()
             low[i] = max(values[i] - _STEPS[i], _BOUNDS[i][0])
             high[i] = min(values[i] + _STEPS[i], _BOUNDS[i][1])
-            difference = self._residuals(high) - self._residuals(low)
+            difference = self.residuals(high) - self.residuals(low)
             columns.append(difference / (high[i] - low[i]))
         return np.stack(columns, axis=1)
 
     def _deviations(self, search: _Search) -> list[float]:
         """Return the standard deviation of each parameter, (3,), 0 where it is not free."""
-        jacobian, residuals = (
-            self._jacobian(search.values, search.free),
-            self._residuals(search.values),
-        )
+        jacobian, residuals = search.jacobian, search.residuals
         normal = jacobian.T @ jacobian
+        if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1.0 / np.finfo(float).eps:
+            return [math.inf if i in search.free else 0.0 for i in range(3)]
         scores = jacobian * residuals[:, None]
         lags = round(_CORRELATED_S * (len(self.times) - 1) / (self.times[-1] - self.times[0]))
         spread = scores.T @ scores
         for lag in range(1, lags + 1):
             product = scores[lag:].T @ scores[:-lag]
             spread += (1.0 - lag / (lags + 1)) * (product + product.T)
-        result = [0.0, 0.0, 0.0]
-        if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1.0 / np.finfo(float).eps:
-            return [math.inf if i in search.free else 0.0 for i in range(3)]
         inverse = np.linalg.inv(normal)
-        white = float(residuals @ residuals) / len(residuals) * inverse
+        white = _squares(residuals) / len(residuals) * inverse
+        result = [0.0, 0.0, 0.0]
         for i, robust, plain in zip(
             search.free, np.diag(inverse @ spread @ inverse), np.diag(white), strict=True
         ):
@@ -299,4 +321,9 @@ class _Response:
 class _Search:
     values: FloatArray  # (3,) dead time, lag, play
     free: list[int]  # parameters that were searched
-    squares: float  # sum of squared residuals
+    residuals: FloatArray  # (n,)
+    jacobian: FloatArray  # (n, free) of the residuals
+
+
+def _squares(values: FloatArray) -> float:
+    return float(values @ values)

@@ -4,6 +4,7 @@ import math
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..models.augmented_state import map_disturbance_gain, map_gain
 from ..models.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
@@ -30,17 +31,13 @@ class PredictedPath:
         self._to_map[:, 2:, 2:] = rotation(grid.state[:, State.PSI_I])
         self._reference = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)
 
-    def of(self, k: int, errors: FloatArray, plan: FloatArray) -> FloatArray:
-        """Return x_t, y_t, x_i, y_i [m], map frame, under the plan (p,) of tick `k`, (Np, 4).
+    def less(self, k: int | NDArray[np.intp], errors: FloatArray) -> FloatArray:
+        """Return the reference after tick `k` less position errors, (Np, 4) [m], map frame.
 
-        `errors` (Np, 4, p) lead from the plan to the position errors of tractor (x, y) and trailer
-        (x, y) in the frames of the reference.
+        The `errors` (Np, 4) of tractor (x, y) and trailer (x, y) are in the frames of the
+        reference. Of ticks (T,) with errors (T, Np, 4) the result is (T, Np, 4).
         """
-        return self.less(k, (errors.reshape(4 * len(errors), -1) @ plan).reshape(-1, 4))
-
-    def less(self, k: int, errors: FloatArray) -> FloatArray:
-        """Return the reference after tick `k` less the position errors (Np, 4) in its frames."""
-        ahead = slice(k + 1, k + 1 + len(errors))
+        ahead = np.asarray(k)[..., None] + np.arange(1, 1 + errors.shape[-2])
         return self._reference[ahead] - (self._to_map[ahead] @ errors[..., None])[..., 0]
 
 

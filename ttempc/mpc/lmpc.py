@@ -486,7 +486,7 @@ class LinearMpc:
     def __init__(self, horizon: CondensedHorizon, most: int = MOST_SETS) -> None:
         self.horizon, self.most = horizon, most
         self.work = horizon.work()
-        self._beside = self.work.beside()
+        self.beside = self.work.beside()
         self._solver = PersistentSolver(horizon.solver)
 
     def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
@@ -520,5 +520,5 @@ class LinearMpc:
 
     def prepare(self, k: int) -> None:
         """Condense tick `k` and plan it for the data of the last step, to fill the caches."""
-        self._beside.given[:] = self.work.given
-        plan(k, self.horizon.stages, self._beside, self.most)
+        self.beside.given[:] = self.work.given
+        plan(k, self.horizon.stages, self.beside, self.most)

@@ -63,9 +63,9 @@ def test_messages_that_do_not_decode_are_refused_although_every_checksum_is_righ
     content = read_content(file)
     for topic in (STATE.topic, EVENT_TOPIC, REFERENCE_PATH_TOPIC):
         with file.open("wb") as stream:
-            mcap, numbers = begin_log(stream, content.metadata, {}, [content.topics[topic]])
-            mcap.add_message(numbers[topic], 0, b"\xff\xff\xff", 0)
-            mcap.finish()
+            log, numbers = begin_log(stream, content.metadata, {}, [content.topics[topic]])
+            log.add(numbers[topic], np.zeros(1, int), np.full((1, 3), 0xFF, np.uint8))
+            log.finish()
         evil = read_content(file)
         assert evil.salvage is None
         with pytest.raises(LogError, match=topic):

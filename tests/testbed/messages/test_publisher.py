@@ -5,9 +5,7 @@ import pytest
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from proving_ground.testbed.messages.publisher import Publisher
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.channels import CHANNELS, DRIVEN_TOPIC
-
-from tests.testbed.truths import truth
+from proving_ground.testbed.recording.channels import CHANNELS, DRIVEN_TOPIC, STATE
 
 SPEED = 1.1  # m/s
 
@@ -19,20 +17,21 @@ class Listener(Publisher):
         self.sent, self.last = [], b""
         super().__init__(Scenery(("world",)), CHANNELS)
 
-    def _send(self, topic, time_ns, data):
+    def _send(self, topic, times_ns, messages):
         if topic == DRIVEN_TOPIC:
-            self.sent.append((1e-9 * time_ns, len(data)))
-            self.last = data
+            self.sent += [(1e-9 * time_ns, messages.shape[1]) for time_ns in times_ns.tolist()]
+            self.last = messages[-1].tobytes()
 
     def _collected(self, time_s):
-        if time_s % 100 == 0:
-            self._publish()
+        self._publish(self._take())
 
 
 def test_the_driven_path_is_complete_and_its_messages_grow_with_the_time():
     listener = Listener()
-    for time in np.arange(0.0, 6001.0):
-        listener.scene(truth(time_s=time, tractor={"x": SPEED * time}))
+    for times in np.arange(0.0, 6001.0).reshape(-1, 17):
+        states = np.zeros((len(times), len(STATE.fields)))
+        states[:, STATE.fields.index("x_t_m")] = SPEED * times
+        listener.rows(STATE, times, states)
     times, sizes = np.array(listener.sent).T
     assert np.diff(times[times < 500.0]) == pytest.approx(5.0, abs=0.1)
     assert (np.diff(times) <= np.maximum(5.0, 0.01 * times[1:] + 1.0) + 1e-6).all()

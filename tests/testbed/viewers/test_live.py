@@ -27,7 +27,7 @@ from proving_ground.testbed.viewers.live import PROTOCOL, LiveView
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 
 pytest.importorskip("foxglove")
 MESSAGE, TIME = 1, 2  # opcodes of server messages in Foxglove's WebSocket protocol
@@ -69,10 +69,11 @@ def view(**other) -> LiveView:
     return LiveView(Scenery(("tractor",)), **{"port": 0, "speed": 100.0, **other})
 
 
-def publish(sink, moments):
-    for k in moments:
+def publish(sink, numbers):
+    for k in numbers:
         sink.row(STATE, 0.04 * k, [float(k)] * len(STATE.fields))
-        sink.scene(truth(time_s=0.04 * k, body_xyz=np.full((1, 3), float(k))))
+        moment = truth(time_s=0.04 * k, body_xyz=np.full((1, 3), float(k)))
+        sink.scenes(moments(moment))
 
 
 def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
@@ -90,10 +91,10 @@ def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
         assert (topic, message.message) == (EVENT_TOPIC, "first")
         time.sleep(0.2)  # until the server has taken in the other subscriptions
         publish(live, range(1, 3))
-        received = list(viewer.messages(5))
+        received = list(viewer.messages(6))
         rows = [(when, message.x_t_m) for topic, when, message in received if topic == STATE.topic]
         np.testing.assert_allclose(rows, [(0.04, 1.0), (0.08, 2.0)])
-        (moved,) = (message for topic, _, message in received[:2] if topic == TRANSFORMS_TOPIC)
+        (moved,) = (message for topic, _, message in received[:4] if topic == TRANSFORMS_TOPIC)
         assert moved.transforms[0].translation.x == 1.0
         viewer.socket.close()
 
