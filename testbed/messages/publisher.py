@@ -30,8 +30,8 @@ from ..recording.channels import (
     error_rows,
     unit_of,
 )
-from ..recording.record import Event, Sink, check_row
-from ..truth import Truth
+from ..recording.record import Event, Sink, check_rows
+from ..truth import Moments
 from .encoding import (
     Encoded,
     TimesNs,
@@ -156,32 +156,28 @@ class Publisher(Sink, ABC):
     def _collected(self, time_s: float) -> None:
         """React to new data of a time [s]: `_publish` where it is due."""
 
-    def rows(self, channel: Channel, times_s: FloatArray, values: FloatArray) -> None:
+    def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Publish rows, and with a reference the errors of the states of its times."""
-        if not len(times_s):
+        check_rows(channel, times, values)
+        if not len(times):
             return
-        self._batch.rows[channel.topic].append((times_s.copy(), values.copy()))
+        self._batch.rows[channel.topic].append((times.copy(), values.copy()))
         if channel is STATE:
             self._state = self._batch.rows[channel.topic][-1]
-        elif channel is REFERENCE and self._state and np.array_equal(times_s, self._state[0]):
+        elif channel is REFERENCE and self._state and np.array_equal(times, self._state[0]):
             self._batch.pairs.append((*self._state, values.copy()))
-        self._collected(times_s[-1])
-
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Publish one row."""
-        check_row(channel, values)
-        self.rows(channel, np.array([time_s]), np.array([values], float))
+        self._collected(times[-1])
 
     def event(self, event: Event) -> None:
         """Publish one event as a log line."""
         self._batch.events.append((event.time_s, encode_event(event)))
         self._collected(event.time_s)
 
-    def scene(self, truth: Truth) -> None:
-        """Publish the transform of every body."""
-        pose = np.hstack([truth.body_xyz, truth.body_quat])
-        self._batch.scenes.append((np.array([truth.time_s]), pose[None]))
-        self._collected(truth.time_s)
+    def scenes(self, moments: Moments) -> None:
+        """Publish the transforms of every body."""
+        times = moments.rows[:, 0]
+        self._batch.scenes.append((times.copy(), moments.poses.copy()))
+        self._collected(times[-1])
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Publish a line of points (n, 2) [m], map frame, laid on the ground."""

@@ -153,7 +153,7 @@ class DeadTimeCompensation:
         before, acting = (self._earlier(i, self._late)[:2] for i in (self._whole + 1, self._whole))
         reach = vehicle.input_rate[:2] * (self._period_s - self._part_s)
         valves = np.clip(acting, before - reach, before + reach)
-        lasting, faded = np.zeros((2, SIZE - STATES)), np.empty(SIZE - STATES)
+        lasting, faded = np.zeros(2 * (SIZE - STATES)), np.empty(SIZE - STATES)
         middle, inputs = np.empty(SIZE), np.empty(3)
         spans = [(self._whole, self._part_s)]
         spans += [(i, self._period_s) for i in reversed(range(self._whole))]
