@@ -65,7 +65,7 @@ class MovingHorizonEstimator:
         self._process_noise = process_noise or ProcessNoise()
         self._iterations = iterations
         self._filter = ExtendedKalmanFilter(
-            vehicle, self._sensor_noise, self._process_noise, gate_probability, window_s
+            vehicle, self._sensor_noise, self._process_noise, gate_probability, window_s, True
         )
         self._last: dict[float, FloatArray] = {}  # the newest estimate of each time
 

@@ -71,6 +71,7 @@ FILTER: Final = np.dtype(
         ("dead_times", "f8", _INPUTS),  # [s]
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
+        ("keeps_all", "f8"),  # 1: a moment for each time of a sample, else for each update
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
         # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
         # vector instructions, which takes four times as long.
@@ -101,7 +102,7 @@ VALVES: Final = MOMENT.fields["valves"][1] // 8  # type: ignore[index]
 HISTORY: Final = np.dtype(
     [
         ("begin", "i8"),  # index of the oldest moment in their ring
-        ("moments", "i8"),  # numbers of entries: one moment for each time of a sample
+        ("moments", "i8"),  # numbers of entries
         ("samples", "i8"),
         ("commands", "i8"),
         ("resumes", "i8"),  # whether the last row of moments has what a restart keeps
@@ -522,7 +523,8 @@ def observe_filter(
     or `COMPLETE`: then the caller may write the first moment, and update to the same time again.
 
     A late sample takes the filter back to the last moment before it; all samples from there on are
-    processed again in the order of their times. If neither a sample nor an update came for more
+    processed again in the order of their times. The result depends neither on the order of arrival
+    nor on where moments are kept. If neither a sample nor an update came for more
     than `LONGEST_GAP_S`, or the clock was set back by more, the filter starts anew from the next
     readings, whatever the time in between. It keeps the factors of the noise, and the disturbances,
     faded as if the vehicle had kept its speed, with the variances of a start.
@@ -647,10 +649,11 @@ def observe_filter(
             if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
                 continue
             if sample[0] > now[0]:
-                before, h.moments = now, h.moments + 1
-                now = moments[(h.begin + h.moments - 1) % ring]
-                for i in range(entries):
-                    now[i] = before[i]
+                if now[0] == start_s or f.keeps_all:
+                    before, h.moments = now, h.moments + 1
+                    now = moments[(h.begin + h.moments - 1) % ring]
+                    for i in range(entries):
+                        now[i] = before[i]
                 predict_until(parameters, now, commands, h.commands, sample[0])
             result = _weigh(parameters, now, sample, workspace)
             n = int(sample[6])
@@ -665,19 +668,21 @@ def observe_filter(
             predict_until(parameters, now, commands, h.commands, oldest_s)
         oldest_s = min(oldest_s, moments[h.begin % ring, 0])
 
+    # What is too old goes, samples many at a time; until the start, the newest of each sensor stays
     present = 0  # sensors of which there is a reading, a bit each
-    for k in range(h.samples - 1, -1, -1):  # until the start, the newest of each counts
+    for k in range(h.samples - 1, -1, -1):
         bit = 1 << int(samples[k, 1])
-        samples[k, 6] = -1.0 if h.moments or present & bit == 0 else -2.0
+        newest = not h.moments and present & bit == 0
+        samples[k, 6] = -1.0 if newest or samples[k, 0] >= oldest_s else -2.0
         present |= bit
-    count = 0
-    for k in range(h.samples):
-        if samples[k, 0] >= oldest_s or (not h.moments and samples[k, 6] == -1.0):
-            for j in range(HELD):
-                samples[count, j] = samples[k, j]
-            samples[count, 6] = -1.0
-            count += 1
-    h.samples = count
+    if h.samples > 0 and (not h.moments or samples[h.samples // 4, 6] == -2.0):
+        count = 0
+        for k in range(h.samples):
+            if samples[k, 6] == -1.0:
+                for j in range(HELD):
+                    samples[count, j] = samples[k, j]
+                count += 1
+        h.samples = count
     longest_s = max(f.dead_times[0], f.dead_times[1], f.dead_times[2])
     count = 0
     for k in range(h.commands):
@@ -801,6 +806,7 @@ def filter_parameters(
     process: ProcessNoise,
     gate_probability: float = 1e-4,
     memory_s: float = 2.5,
+    keeps_all: bool = False,
 ) -> FloatArray:
     """Return the record `FILTER` of a filter as a flat array.
 
@@ -824,7 +830,7 @@ def filter_parameters(
     f["dead_times"], f["memory_s"] = vehicle.dead_times, memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
     f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
-    f["width"] = WIDTH
+    f["keeps_all"], f["width"] = keeps_all, WIDTH
     return flat
 
 
