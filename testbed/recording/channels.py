@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from ttempc.jit import cached_njit
 from ttempc.types import ControlStep, Diagnostics, Estimate, FloatArray, Sensor, TubeReport
-from ttempc.vehicle import Vehicle
 
 from ..sensing.sensors import COMPONENTS
 from ..truth import WHEELS
@@ -228,8 +227,8 @@ def measurement_rows(
         at: numbers of the moments at which they are delivered, ascending.
         times: of the moments [s].
     """
-    rows: FloatArray = np.full((len(samples), len(MEASUREMENT.fields)), NAN)
-    row_times = np.empty(len(samples))
+    rows, row_times = np.empty((len(samples), len(MEASUREMENT.fields))), np.empty(len(samples))
+    rows.fill(NAN)
     used = _spread(samples, at, times, _COLUMNS, row_times, rows)
     return row_times[:used], rows[:used]
 
@@ -285,20 +284,21 @@ def estimate_row(estimate: Estimate) -> FloatArray:
     )
 
 
-def control_row(step: ControlStep, vehicle: Vehicle) -> FloatArray:
-    """Return the row of `CONTROL`; `vehicle` gives the bounds."""
+def control_row(step: ControlStep, bounds: FloatArray) -> FloatArray:
+    """Return the row of `CONTROL`; `bounds` (2, 3) are the smallest and largest command."""
     of, command = step.diagnostics, step.command
     row = np.empty((len(_INPUTS), len(_ACTIONS)))
     row[:, 0], row[:, 1], row[:, 2] = of.feedforward, of.feedback, of.robust
     row[:, 3] = row[:, 0] + row[:, 1] + row[:, 2]
     row[:, 4] = command.delta_t, command.delta_i, command.hp
-    row[:, 5], row[:, 6], row[:, 7] = vehicle.input_min, vehicle.input_max, of.limited
+    row[:, 5:7], row[:, 7] = bounds.T, of.limited
     return row.ravel()
 
 
 def tracking_row(diagnostics: Diagnostics) -> FloatArray:
     """Return the row of `TRACKING`."""
-    row: FloatArray = np.full(len(TRACKING.fields), NAN)
+    row = np.empty(len(TRACKING.fields))
+    row.fill(NAN)
     if diagnostics.tracking_error is not None:
         row[:7] = diagnostics.tracking_error
     if diagnostics.modelling_error is not None:
