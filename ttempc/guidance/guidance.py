@@ -279,8 +279,7 @@ class Guidance:
             GuidanceFailed: the estimator or the controller raised.
         """
         with user_part(GuidanceFailed, "warm_up raised"):
-            parts = self._estimator, self._controller, *self._monitors.detectors
-            for part in parts:
+            for part in (self._estimator, self._controller, self._monitors):
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 
