@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ttempc.jit import cached_njit
+from ttempc.layout import Innovations
 from ttempc.types import ControlStep, Diagnostics, Estimate, FloatArray, Sensor, TubeReport
 
 from ..sensing.sensors import COMPONENTS
@@ -265,11 +266,13 @@ def _spread(
 
 def estimate_row(estimate: Estimate) -> FloatArray:
     """Return the row of `ESTIMATE`."""
-    state, nis, dof = estimate.state, 0.0, 0
-    for item in estimate.innovations:
-        # A sample that the filter could not weigh, such as one that is not finite, has none.
-        if math.isfinite(item.normalised_squared):
-            nis, dof = nis + item.normalised_squared, dof + item.dimension
+    state, of = estimate.state, estimate.innovations
+    if isinstance(of, Innovations):
+        squares = of.rows[:, 1:3]
+    else:
+        squares = np.array([item[1:3] for item in of], dtype=float).reshape(-1, 2)
+    # A sample that the filter could not weigh, such as one that is not finite, has none.
+    nis_and_dof = np.add.reduce(squares[squares[:, 0] < math.inf])
     return np.concatenate(
         [
             state[:3],
@@ -279,7 +282,7 @@ def estimate_row(estimate: Estimate) -> FloatArray:
             np.sqrt(estimate.covariance.diagonal()),
             estimate.disturbance,
             estimate.map_disturbance,
-            (nis, dof),
+            nis_and_dof,
         ]
     )
 
