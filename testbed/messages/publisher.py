@@ -130,9 +130,9 @@ class Batch:
 class Publisher(Sink, ABC):
     """Base class of a sink that encodes messages; a subclass sends them.
 
-    Data are collected, and encoded together when the subclass calls `_messages`: in a batch a
-    message costs a tenth of a single one. A subclass must be ready to `_send` before it calls this
-    constructor.
+    Data are collected, and encoded together when the subclass calls `_publish`, which another
+    thread may do: in a batch a message costs a hundredth of a single one. A subclass must be ready
+    to `_send` before it calls this constructor.
     """
 
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
@@ -154,7 +154,7 @@ class Publisher(Sink, ABC):
 
     @abstractmethod
     def _collected(self, time_s: float) -> None:
-        """React to new data of a time [s]: `_publish` where it is due."""
+        """React to new data of a time [s]: `_take` and `_publish` where it is due."""
 
     def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Publish rows, and with a reference the errors of the states of its times."""
