@@ -169,7 +169,9 @@ def assemble(
     ]
     guidance = _guidance(scenario, plan, plant, factory, parts, guide)
     x, y, yaw, *_, speed = plan.reference.at(0.0).state.tolist()
-    plant.reset(x, y, yaw, speed)  # refused here, before anything is written
+    begin = scenario.start
+    # refused here, before anything is written
+    plant.reset(*begin.pose(x, y, yaw), speed if begin.rolling else 0.0)
     vehicle = plan.reference.vehicle
     return Assembly(
         plant=plant,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -28,6 +29,7 @@ from ..estimation.filter import (
 )
 from ..estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ..jit import cached_njit
+from ..layout import SAMPLE, measurements_of, sample_rows
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
     KERNEL_INDEX,
@@ -40,7 +42,7 @@ from ..models.augmented_state import (
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, Identification, ParameterChange
-from .window import RecordedTick
+from .window import COMMAND, TIME, RecordedTick, Window
 
 PARAMETERS: Final = 4  # lengths, the first of `VehicleParameter`
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
@@ -144,7 +146,7 @@ _CONVERGED_SD: Final = 0.2  # a step of this share of the standard deviations is
 _LEAST_S: Final = 15.0  # of driving
 _BLOCK_S: Final = 5.0  # longer than innovations of a wrong model are correlated; assumed
 _LATENCY_S: Final = 1.0  # latency of GNSS at most
-
+_MEAN_S: Final = 0.2  # over which samples of a sensor are averaged; a lag of the front steering
 
 _GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
 _SLIP: Final = 0.03  # relative tolerance of what tyres can feign, see `_tolerance`; assumed
@@ -260,6 +262,7 @@ class _Replay:
 
     first: Mapping[Sensor, Measurement]  # of every sensor, before the events
     events: FloatArray
+    counts: FloatArray  # (sensors,) of which a sample of the events is the mean
     noise: SensorNoise
     process: ProcessNoise
 
@@ -272,19 +275,21 @@ class _Replay:
         process: ProcessNoise,
     ) -> _Replay | None:
         """Return the window from the first reading of every sensor on, None if it is too short."""
+        flat = Window.of(window)
         arm = LeverArm((noise.antenna_height_t, noise.antenna_height_i), _LATENCY_S)
-        corrected = (arm.corrected(tick.samples, tick.headings) for tick in window)
-        samples = [sample for samples in corrected for sample in samples if _complete(sample)]
-        samples.sort(key=lambda sample: (sample.time_s, KERNEL_INDEX[sample.sensor]))
-        sent: HeldCommands = [
-            (tick.time_s, tick.command.as_array()) for tick in window if tick.command is not None
-        ]
+        samples = flat.samples
+        if arm.corrects:
+            moved = (arm.corrected(tick.samples, tick.headings) for tick in flat)
+            samples = sample_rows(list(chain.from_iterable(moved)))
+        samples, counts = _means(samples)
+        ticks = flat.ticks[~np.isnan(flat.ticks[:, COMMAND]).any(axis=1)]
+        sent: HeldCommands = list(zip(ticks[:, TIME].tolist(), ticks[:, COMMAND], strict=True))
         if len(sent) < 2:
             return None
         (begin, _), *driven = after_dead_times(sent, vehicle)
         first: dict[Sensor, Measurement] = {}
         rest: list[Measurement] = []
-        for sample in samples:
+        for sample in measurements_of(samples):
             if len(first) == len(LENGTH) and sample.time_s > begin:
                 rest.append(sample)
             else:
@@ -314,7 +319,7 @@ class _Replay:
             if end > now:
                 rows.append([-1.0, end - now, 0.0, 0.0, *held, steps_over(end - now), 0.0])
                 now = end
-        return cls(first, np.array(rows), noise, process)
+        return cls(first, np.array(rows), counts, noise, process)
 
     def run(self, vehicle: Vehicle) -> tuple[float, FloatArray, FloatArray, float]:
         """Return cost, J' J and the blocks of J' r by the lengths of `vehicle`, and the roughness.
@@ -331,6 +336,7 @@ class _Replay:
         own, *others = (
             filter_parameters(item, self.noise, self.process, _GATE) for item in vehicles
         )
+        own.view(FILTER)[0]["variances"][: len(self.counts)] /= self.counts
         normal = np.zeros((count, count))
         gradients = np.zeros((int(self.events[:, -1].max()) + 1, count))
         cost = replay(
@@ -372,9 +378,24 @@ def _tolerance(lengths: FloatArray, roughness: float) -> FloatArray:
     return np.diag((_GEOMETRY * lengths) ** 2) + max(1.0, roughness) * slip
 
 
-def _complete(sample: Measurement) -> bool:
-    usable = len(sample.value) == LENGTH.get(sample.sensor, 0)
-    return usable and all(map(math.isfinite, (sample.time_s, *sample.value)))
+def _means(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return means of samples that follow each other within `_MEAN_S`, by time, then sensor.
+
+    The samples are rows (n, 5) of `SAMPLE` in any order; means of white noise tell as much of a
+    vehicle that hardly turns meanwhile. Each mean is one of as many samples as `counts` (sensors,)
+    has for its sensor, so that its variance is known; what is left over at a gap is dropped.
+    """
+    result, counts = [np.empty((0, SAMPLE))], np.ones(len(KERNEL_INDEX))
+    for index in KERNEL_INDEX.values():
+        own = rows[(rows[:, 1] == index) & np.isfinite(rows).all(axis=1)]
+        own = own[np.unique(own[:, 0], return_index=True)[1]]
+        every = np.median(np.diff(own[:, 0])) if len(own) > 1 else math.inf
+        counts[index] = n = max(1, round(_MEAN_S / every))
+        groups = own[: len(own) // n * n].reshape(-1, n, SAMPLE)
+        together = groups[:, -1, 0] - groups[:, 0, 0] < 1.5 * _MEAN_S
+        result.append(groups[together].mean(axis=1))
+    means = np.concatenate(result)
+    return means[np.lexsort((means[:, 1], means[:, 0]))], counts
 
 
 def _lengths(vehicle: Vehicle) -> FloatArray:
