@@ -36,22 +36,21 @@ def _compile() -> None:
     """Compile correction, controller, detectors and physics steps of the default scenario."""
     import numpy as np
 
-    from ttempc.estimation.filter import ROW, FilterState, KalmanFilter, correct
+    from ttempc.estimation.filter import ROW, WIDTH, correct, filter_parameters
     from ttempc.estimation.noise import ProcessNoise, SensorNoise
     from ttempc.types import Command, WarmingUp
     from ttempc.vehicle import Vehicle
 
-    model = KalmanFilter(Vehicle(), SensorNoise(), ProcessNoise(), 0.999).model
-    workspace = np.empty((8, 2, FilterState(np.zeros(ROW)).augmented.shape[1])), np.empty((16, 2))
-    levels = FilterState(np.zeros(ROW)).levels
-    correct(levels, 0, (0.0, 0.0), 1.0, 1.0, False, False, model, *workspace)
+    parameters = filter_parameters(Vehicle(), SensorNoise(), ProcessNoise())
+    workspace = np.empty((8, 2, WIDTH))
+    correct(parameters, np.zeros(ROW), 0, 0.0, 0.0, 1.0, False, False, workspace)
 
     from .run.assembly import assemble
     from .scenario.scenario import load
 
     _, scenario = load("grass", ["path={kind='straight', length_m=6}"])
     assembly = assemble(scenario, seed=1)
-    for part in (assembly.guidance._controller, *assembly.guidance.detectors):
+    for part in (assembly.guidance._controller, assembly.guidance._monitors):
         if isinstance(part, WarmingUp):
             part.warm_up()
     assembly.plant.restore(assembly.start)

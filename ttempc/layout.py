@@ -6,12 +6,12 @@ with names and words, `Estimate` and `Diagnostics`, are made where somebody look
 """
 
 import math
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterator, Sequence
+from typing import Final, overload
 
 import numpy as np
 
-from .types import Estimate, FloatArray, Measurement, Sensor
+from .types import Estimate, FloatArray, Innovation, Measurement, Sensor
 
 SAMPLE: Final = 5
 """Entries of a sample: time [s], `SensorIndex`, three components; 0 where it has fewer of them."""
@@ -69,6 +69,65 @@ ESTIMATE: Final = np.dtype(
         ("position_seen", "f8"),  # 1 where a GNSS sample was accepted at this tick
     ]
 )
+
+INNOVATION: Final = 7
+"""Entries of an innovation: `SensorIndex`, normalised square, dimension (0 where there is none of
+this sample), 1 if accepted, the two whitened entries and the logarithm of the determinant, NaN
+where they are not known; see `Innovation`."""
+
+
+class Innovations(Sequence[Innovation]):
+    """Rows (n, `INNOVATION`) as innovations, which are made when someone looks."""
+
+    __slots__ = ("rows",)
+
+    def __init__(self, rows: FloatArray) -> None:
+        self.rows = rows[rows[:, 2] > 0.0]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Innovation: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Innovation, ...]: ...
+    def __getitem__(self, index: int | slice) -> Innovation | tuple[Innovation, ...]:
+        if isinstance(index, slice):
+            return tuple(map(self._innovation, self.rows[index].tolist()))
+        return self._innovation(self.rows[index].tolist())
+
+    def __iter__(self) -> Iterator[Innovation]:
+        return map(self._innovation, self.rows.tolist())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and tuple(self) == tuple(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @staticmethod
+    def _innovation(row: list[float]) -> Innovation:
+        index, normalised, dimension, accepted, first, second, log_determinant = row
+        known = () if math.isnan(first) else (first, second)[: int(dimension)]
+        item = (normalised, int(dimension), accepted == 1.0, known, log_determinant)
+        return Innovation(_SENSORS[int(index)][0], *item)
+
+
+def estimate_view(row: FloatArray, innovations: Sequence[Innovation] = ()) -> Estimate:
+    """Return the `Estimate` of a flat `ESTIMATE`; it shares its arrays."""
+    e = row.view(ESTIMATE)[0]
+    factors = e["noise_factors"]
+    return Estimate(
+        time_s=float(e["time_s"]),
+        state=e["state"],
+        covariance=e["covariance"],
+        trailer_xy=e["trailer_xy"],
+        hitch_angle=float(e["hitch_angle"]),
+        disturbance=e["disturbance"],
+        innovations=innovations,
+        map_disturbance=e["map_disturbance"],
+        noise_factors=None if math.isnan(factors[0]) else factors,
+    )
+
 
 ALARM: Final = 4
 """Entries of an alarm, a row for each detector: its `Reaction`, -1 where there is none, and three

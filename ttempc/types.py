@@ -108,7 +108,7 @@ class Estimate:
     trailer_xy: FloatArray  # (2,) [m] trailer point, map frame
     hitch_angle: float  # [rad] beta = psi_t - psi_d
     disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(Disturbance)))  # (5,)
-    innovations: tuple[Innovation, ...] = ()  # of the samples that came in for this tick
+    innovations: Sequence[Innovation] = ()  # of the samples that came in for this tick
     # (4,) see `MapDisturbance`: the part of `disturbance` that stays with the field
     map_disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(MapDisturbance)))
     # (3,) mu, kappa, eta of a model with slip factors; None where

@@ -213,8 +213,8 @@ def soil_step_s(vehicle: PlantVehicle, timestep_s: float = 0.002, blocks: int = 
     for _ in range(blocks):
         plant.restore(start)
         begin = time.thread_time()
-        for _ in range(25):
-            plant.advance(command, stride)
+        for _ in range(5):
+            plant.drive(command, 5, stride)
         times.append((time.thread_time() - begin) / (25 * stride))
     return min(times)
 

@@ -92,7 +92,7 @@ class SensedDrive:
                 self._valves,
                 command.as_array(),
                 vehicle_parameters(VEHICLE),
-                noise.fading(SensorNoise()),
+                noise.fading(SensorNoise()).ravel(),
                 step_s,
                 unused,
             )

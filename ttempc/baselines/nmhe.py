@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import piqp
 import scipy
+from numpy.typing import NDArray
 
 from ..errors import InvalidTuning
 from ..estimation.ekf import ExtendedKalmanFilter, run_all_kernels
-from ..estimation.filter import FilterState, steps_over
+from ..estimation.filter import ROW, steps_over
 from ..estimation.noise import ProcessNoise, SensorNoise
 from ..models.augmented_state import (
     ANGLES,
@@ -80,35 +81,37 @@ class MovingHorizonEstimator:
         It is that of the filter alone where the equations of the window are too ill-conditioned.
         """
         filtered = self._filter.update(time_s, measurements, command)
-        states, samples = self._filter.memory()
-        if len(states) < 2:
+        moments, samples = self._filter.moments(), self._filter.accepted()
+        if len(moments) < 2:
             return filtered
-        guess = np.array([self._last.get(s.time_s, s.augmented[0]) for s in states])  # (n, 22)
+        times = moments["time_s"].tolist()
+        states = moments["augmented"][:, 0, :SIZE]
+        guess = np.array([self._last.get(t, x) for t, x in zip(times, states, strict=True)])
         try:
-            covariance = states[-1].covariances[0]
+            covariance = moments["covariances"][-1, 0, :, :SIZE]
             for _ in range(self._iterations):
-                guess, covariance = self._step(states, samples, guess)
+                guess, covariance = self._step(moments, samples, guess)
         except np.linalg.LinAlgError:
             return filtered
-        self._last = {s.time_s: x for s, x in zip(states, guess, strict=True)}
-        now = states[-1].copy()
-        now.augmented[0], now.covariances[0] = guess[-1], covariance
-        self._filter.predict(now, time_s)
-        return self._filter.estimate(now, time_s, filtered.innovations)
+        self._last = dict(zip(times, guess, strict=True))
+        now = moments[-1:].copy()
+        now["augmented"][0, 0, :SIZE] = guess[-1]
+        now["covariances"][0, 0, :, :SIZE] = covariance
+        return self._filter.estimate(now.view(float).reshape(ROW), time_s, filtered.innovations)
 
     def _step(
-        self, states: list[FilterState], samples: list[Measurement], guess: FloatArray
+        self, moments: NDArray[np.void], samples: list[Measurement], guess: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return `_minimum` of the problem linearised about `guess` (n, 22)."""
-        count = len(states)
+        count, times = len(moments), moments["time_s"].tolist()
         diagonal = np.zeros((count, SIZE, SIZE))
         above = np.zeros((count - 1, SIZE, SIZE))
         right = np.zeros((count, SIZE))
-        arrival = np.linalg.inv(states[0].covariances[0])
+        arrival = np.linalg.inv(moments["covariances"][0, 0, :, :SIZE])
         diagonal[0] = arrival
-        right[0] = arrival @ (states[0].augmented[0] - guess[0])
+        right[0] = arrival @ (moments["augmented"][0, 0, :SIZE] - guess[0])
         for k in range(count - 1):
-            end, step_jacobian, noise = self._transition(states[k], guess[k], states[k + 1].time_s)
+            end, step_jacobian, noise = self._transition(moments[k], guess[k], times[k + 1])
             weight = np.linalg.inv(noise)
             weighted = step_jacobian.T @ weight  # (22, 22)
             defect = end - guess[k + 1]
@@ -117,7 +120,7 @@ class MovingHorizonEstimator:
             above[k] = -weighted
             right[k] -= weighted @ defect
             right[k + 1] += weight @ defect
-        index = {state.time_s: k for k, state in enumerate(states)}
+        index = {time_s: k for k, time_s in enumerate(times)}
         for sample in samples:
             k = index[sample.time_s]
             reading, jacobian = predicted_measurement(sample.sensor, guess[k], self._vehicle)
@@ -130,18 +133,18 @@ class MovingHorizonEstimator:
         return _minimum(diagonal, above, right, guess)
 
     def _transition(
-        self, state: FilterState, guess: FloatArray, until_s: float
+        self, moment: np.void, guess: FloatArray, until_s: float
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the transition from `guess` (22,) at the time of `state` to `until_s`."""
-        augmented, valves = guess.copy(), state.valves.copy()
+        """Return the transition from `guess` (22,) at the time of a `MOMENT` to `until_s`."""
+        augmented, valves = guess.copy(), moment["valves"].copy()
         jacobian, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
-        step_jacobian, scales = np.empty((SIZE, SIZE)), state.scales[0]
-        fading = self._process_noise.fading(self._sensor_noise)
-        time_s = state.time_s
+        step_jacobian, scales = np.empty((SIZE, SIZE)), moment["scales"][0]
+        fading = self._process_noise.fading(self._sensor_noise).ravel()
+        time_s = float(moment["time_s"])
         for end_s, command in self._filter.commands(time_s, until_s):
             rim = augmented[AugmentedState.RIM]
             steady = np.array([*valves, rim / self._vehicle.speed_gain])  # where none is known
-            command = steady if command is None else np.where(np.isnan(command), steady, command)
+            command = np.where(np.isnan(command), steady, command)
             span_s = float(end_s - time_s)
             steps = steps_over(span_s)
             step_s = span_s / steps

@@ -1,7 +1,7 @@
-"""Extended Kalman filter over the augmented state: start, predict, correct, process; compiled.
+"""Extended Kalman filter over the augmented state: predict, correct, observe; compiled.
 
 Of arrays (4, ...) the first entry is a value, the others are its derivatives by the factors of
-`NoiseScale`.
+`NoiseScale`. Rows of 22 entries are padded to 24, three vectors of eight numbers.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.special import chdtri
 
 from ..errors import InvalidTuning
 from ..jit import cached_njit
+from ..layout import ESTIMATE
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
     GYROS,
@@ -30,6 +30,7 @@ from ..models.augmented_state import (
     advance_augmented_state,
     measure,
     vehicle_parameters,
+    write_estimate,
 )
 from ..models.kinematics import wrap_angle
 from ..types import FloatArray, Input, Measurement, Sensor, State
@@ -37,32 +38,86 @@ from ..vehicle import Vehicle
 from .noise import SCALE_RANGE, SCALES, ProcessNoise, SensorNoise
 
 _LEVELS: Final = 1 + SCALES
-_ENTRIES: Final = SIZE + 2  # of a covariance of `process_noise`
-_XY: Final = SIZE
+WIDTH: Final = 24
+"""Entries of a row of 22, with its padding."""
+_XY: Final = SIZE  # of a row of process noise: the entries (x, y) and (psi_i, delta_i)
 _JOINT: Final = SIZE + 1
+_SENSORS: Final = len(SensorIndex)
+_INPUTS: Final = len(Input)
+_UNWEIGHED: Final = int(SensorIndex.IMU_TRACTOR)  # the first sensor without a reading at the start
 
 SAME_TIME_S: Final = 1e-6
 """Times that differ by less are one: four times the resolution of a double at Unix time [s]."""
 
+LONGEST_GAP_S: Final = 1.0
+"""Without update and sample for longer [s], the filter starts anew, see `observe_filter`."""
+
 _LONGEST_STEP_S: Final = 0.05  # a third of the front steering's lag
+_PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
+_LONGEST_SPAN_S: Final = 0.1  # between samples of a gyro, for their mean to be that of the rate
+_MOST_STEP: Final = 0.5  # of the logarithm of a factor at one sample; assumed
+_LEAST_VARIANCE: Final = 1e-12  # of an entry without uncertainty: covariances are invertible
 
+FILTER: Final = np.dtype(
+    [
+        ("vehicle", "f8", len(VehicleParameter)),
+        ("fading", "f8", 2 * (SIZE - STATES)),  # see `ProcessNoise.fading`
+        ("rates", "f8", (2, _LEVELS, SIZE)),  # see `ProcessNoise.rates`
+        ("walk", "f8"),  # variance that a metre adds to the logarithms of the factors
+        ("gyro_sampling", "f8"),  # variance of the yaw of a gyro that a metre adds [rad^2/m]
+        ("variances", "f8", _SENSORS),  # of each entry of a sample; 0 for a gyro that is not used
+        ("gates", "f8", _SENSORS),  # of the normalised squared innovation
+        ("heights", "f8", 2),  # of the antennas above the axle points [m]
+        ("dead_times", "f8", _INPUTS),  # [s]
+        ("memory_s", "f8"),
+        ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
+        ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
+        # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
+        # vector instructions, which takes four times as long.
+        ("width", "i8"),
+    ]
+)
+"""Record of a filter's constants: its vehicle and its noise."""
 
-class Model(NamedTuple):
-    """Constants of a filter: its vehicle and its noise."""
+MOMENT: Final = np.dtype(
+    [
+        ("time_s", "f8"),
+        ("augmented", "f8", (_LEVELS, WIDTH)),
+        ("covariances", "f8", (_LEVELS, SIZE, WIDTH)),
+        ("scales", "f8", (2, SCALES)),  # factors of `NoiseScale`, information on their logarithms
+        ("valves", "f8", 2),  # set points of the steering valves [rad]
+        ("rejected_since", "f8", _SENSORS),  # by the gate, without a break [s], or NaN
+        ("gyros", "f8", (2, 4)),  # last samples: time [s], yaw rate, roll, pitch, or NaN
+    ]
+)
+"""Record of all that a filter carries from one time to the next."""
 
-    parameters: FloatArray  # (10,), see `VehicleParameter`
-    rates: FloatArray  # (2, 4, 22), see `ProcessNoise.rates`
-    fading: FloatArray  # (2, 15), see `ProcessNoise.fading`
-    walk: float  # variance that a metre adds to the logarithms of the factors
+ROW: Final = MOMENT.itemsize // 8
+FADING: Final = len(VehicleParameter)
+AUGMENTED: Final = MOMENT.fields["augmented"][1] // 8  # type: ignore[index]
+COVARIANCE: Final = MOMENT.fields["covariances"][1] // 8  # type: ignore[index]
+VALVES: Final = MOMENT.fields["valves"][1] // 8  # type: ignore[index]
 
+HISTORY: Final = np.dtype(
+    [
+        ("begin", "i8"),  # index of the oldest moment in their ring
+        ("moments", "i8"),  # numbers of entries: one moment for each time of a sample
+        ("samples", "i8"),
+        ("commands", "i8"),
+        ("resumes", "i8"),  # whether the last row of moments has what a restart keeps
+        ("now_s", "f8"),  # time of the last update, or NaN
+    ]
+)
+"""Record of how full the arrays of a filter's memory are, see `observe_filter`."""
 
-class Levels(NamedTuple):
-    """What a filter predicts and corrects, all of it in place."""
+HELD: Final = 7
+"""Entries of a sample in memory: those of `SAMPLE`, whether the filter accepted it, and the row in
+which it came at this update, else -1."""
 
-    augmented: FloatArray  # (4, 22)
-    covariances: FloatArray  # (4, 22, 22)
-    scales: FloatArray  # (2, 3) factors of `NoiseScale`, information on their logarithms
-    valves: FloatArray  # (2,) set points of the steering valves [rad]
+UNKNOWN, ESTIMATED, COMPLETE = 0, 1, 2
+"""Results of `observe_filter`: not started; estimated; not started with readings of all sensors."""
+
+_BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 
 
 @cached_njit()
@@ -71,365 +126,269 @@ def steps_over(span_s: float) -> int:
     return max(1, math.ceil((span_s - SAME_TIME_S) / _LONGEST_STEP_S))
 
 
-@cached_njit()
-def process_noise(
-    middle: FloatArray, scales: FloatArray, model: Model, step_s: float, levels: FloatArray
+@cached_njit(error_model="numpy")
+def predict(
+    parameters: FloatArray, moment: FloatArray, command: FloatArray, span_s: float, steps: int
 ) -> None:
-    """Write the covariance that a step of `step_s` gathers into `levels` (4, 24).
+    """Advance a `MOMENT`, but for its time, by `span_s` in `steps` equal steps, in place.
 
-    The same as `ProcessNoise.density` times the step, at the augmented state `middle` (22,): the
-    diagonal, then the entries (x, y) and (psi_i, delta_i), the only others.
+    `command` (3,) is held. With Q the noise of a step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q
+    acts before the step, half after it. The lower rows of Phi are diagonal, most entries of its
+    seven upper rows are 0.
     """
-    parameters, rates = model.parameters, model.rates
-    travel = abs(middle[AugmentedState.RIM]) * step_s
-    psi_t = middle[AugmentedState.PSI_T]
-    cos, sin = math.cos(psi_t), math.sin(psi_t)
-    drawbar = parameters[VehicleParameter.DRAWBAR_LENGTH] * math.cos(middle[AugmentedState.DELTA_I])
-    swing = -drawbar / (parameters[VehicleParameter.TRAILER_LENGTH] + drawbar)
-    for level in range(_LEVELS):
-        for i in range(SIZE):
-            levels[level, i] = step_s * rates[0, level, i] + travel * rates[1, level, i]
-        forward, lateral = levels[level, 0], levels[level, 1]
-        levels[level, 0] = forward * cos * cos + lateral * sin * sin
-        levels[level, 1] = forward * sin * sin + lateral * cos * cos
-        levels[level, _XY] = (forward - lateral) * cos * sin
-        joint = levels[level, AugmentedState.DELTA_I]
-        levels[level, AugmentedState.PSI_I] += swing * swing * joint
-        levels[level, _JOINT] = swing * joint
-    for n in range(SCALES):
-        for i in range(_ENTRIES):
-            levels[0, i] += scales[0, n] * levels[1 + n, i]
-
-
-@cached_njit()
-def _add_half(matrix: FloatArray, noise: FloatArray) -> None:
-    """Add half a covariance of `process_noise` (24,) to `matrix` (22, 22)."""
-    for i in range(SIZE):
-        matrix[i, i] += 0.5 * noise[i]
-    matrix[0, 1] += 0.5 * noise[_XY]
-    matrix[1, 0] += 0.5 * noise[_XY]
-    matrix[AugmentedState.PSI_I, AugmentedState.DELTA_I] += 0.5 * noise[_JOINT]
-    matrix[AugmentedState.DELTA_I, AugmentedState.PSI_I] += 0.5 * noise[_JOINT]
-
-
-@cached_njit()
-def _propagate(
-    matrix: FloatArray, transition: FloatArray, noise: FloatArray, workspace: FloatArray
-) -> None:
-    """Replace M by Phi (M + N) Phi' + N; `matrix` M, `transition` Phi are (22, 22).
-
-    N is half of `noise` (24,). The lower rows of Phi are diagonal, most entries of its upper rows
-    are 0. The upper rows of Phi (M + N) are written into `workspace` (7, 22).
-    """
-    size = len(matrix)  # no constant, see `correct`
-    _add_half(matrix, noise)
-    workspace[:, :] = 0.0
-    for i in range(STATES):
-        for k in range(size):  # innermost along rows, so that it becomes vector instructions
-            weight = transition[i, k]
-            if weight != 0.0:
-                for j in range(size):
-                    workspace[i, j] += weight * matrix[k, j]
-    matrix[:STATES, :STATES] = 0.0
-    for i in range(STATES, size):
-        for j in range(STATES, size):
-            matrix[i, j] *= transition[i, i] * transition[j, j]
-    _add_half(matrix, noise)
-    for i in range(STATES):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(size):
-                total += workspace[i, k] * transition[j, k]
-            matrix[i, j] = matrix[j, i] = total
-        for j in range(STATES, size):
-            matrix[i, j] = matrix[j, i] = workspace[i, j] * transition[j, j]
-
-
-@cached_njit()
-def predict(now: Levels, command: FloatArray, model: Model, span_s: float, steps: int) -> None:
-    """Advance a filter by `span_s` in `steps` equal steps under the held `command` (3,), in place.
-
-    With Q the noise of a step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q acts before the step, half
-    after it.
-    """
-    augmented, scales = now.augmented, now.scales
-    transition = np.empty((SIZE, SIZE))
-    gathered, workspace = np.empty((_LEVELS, _ENTRIES)), np.empty((STATES, SIZE))
-    middle, derivative = np.empty(SIZE), np.empty(SIZE)
+    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    width = f.width
+    vehicle, fading = parameters[:FADING], parameters[FADING : FADING + 2 * (SIZE - STATES)]
+    x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
+    transition = np.empty((SIZE, WIDTH))
+    noise = np.empty((_LEVELS, WIDTH))  # half of it
+    upper = np.empty((_LEVELS, STATES, WIDTH))  # the upper rows of Phi P
+    columns = np.empty((SIZE, 8 * _LEVELS))  # their columns, all levels side by side
+    corner = np.empty((STATES, 8 * _LEVELS))
+    middle, fade = np.empty(STATES), np.zeros(WIDTH)
+    columns[:, :] = 0.0
+    packed = width + 8  # of a row of `columns`
     step_s = span_s / steps
     for _ in range(steps):
-        middle[:] = augmented[0]
-        advance_augmented_state(
-            augmented[0], now.valves, command, model.parameters, model.fading, step_s, transition
-        )
         for i in range(STATES):
-            middle[i] = 0.5 * (middle[i] + augmented[0, i])
-        process_noise(middle, scales, model, step_s, gathered)
+            middle[i] = x[i]
+        advance_augmented_state(x, valves, command, vehicle, fading, step_s, transition)
+        for i in range(STATES):
+            middle[i] = 0.5 * (middle[i] + x[i])
+        # Noise, as `ProcessNoise.density` times the step: the diagonal and two entries beside it
+        travel = abs(middle[AugmentedState.RIM]) * step_s
+        psi_t = middle[AugmentedState.PSI_T]
+        cos, sin = math.cos(psi_t), math.sin(psi_t)
+        drawbar = f.vehicle[VehicleParameter.DRAWBAR_LENGTH] * math.cos(
+            middle[AugmentedState.DELTA_I]
+        )
+        swing = -drawbar / (f.vehicle[VehicleParameter.TRAILER_LENGTH] + drawbar)
         for level in range(_LEVELS):
-            _propagate(now.covariances[level], transition, gathered[level], workspace)
-        for level in range(1, _LEVELS):
-            derivative[:] = augmented[level]
-            for i in range(STATES):
-                augmented[level, i] = 0.0
-                for j in range(SIZE):
-                    augmented[level, i] += transition[i, j] * derivative[j]
-            for i in range(STATES, SIZE):
-                augmented[level, i] *= transition[i, i]
-        gained = model.walk * abs(middle[AugmentedState.RIM]) * step_s
+            for i in range(SIZE):
+                variance = step_s * f.rates[0, level, i] + travel * f.rates[1, level, i]
+                noise[level, i] = 0.5 * variance
+            forward, lateral = noise[level, 0], noise[level, 1]
+            noise[level, 0] = forward * cos * cos + lateral * sin * sin
+            noise[level, 1] = forward * sin * sin + lateral * cos * cos
+            noise[level, _XY] = (forward - lateral) * cos * sin
+            joint = noise[level, AugmentedState.DELTA_I]
+            noise[level, AugmentedState.PSI_I] += swing * swing * joint
+            noise[level, _JOINT] = swing * joint
         for n in range(SCALES):
-            scales[1, n] = scales[1, n] / (1.0 + scales[1, n] * gained)
+            for i in range(width):
+                noise[0, i] += now.scales[0, n] * noise[1 + n, i]
+        for i in range(STATES, SIZE):
+            fade[i] = transition[i, i]
+        for level in range(_LEVELS):
+            _add(now.covariances[level], noise[level])
+            for i in range(STATES):
+                for j in range(width):
+                    upper[level, i, j] = 0.0
+                for k in range(SIZE):
+                    weight = transition[i, k]
+                    if weight != 0.0:
+                        for j in range(width):
+                            upper[level, i, j] += weight * now.covariances[level, k, j]
+                for k in range(SIZE):
+                    columns[k, 8 * level + i] = upper[level, i, k]
+        for i in range(STATES):
+            for j in range(packed):
+                corner[i, j] = 0.0
+            for k in range(SIZE):
+                weight = transition[i, k]
+                if weight != 0.0:
+                    for j in range(packed):
+                        corner[i, j] += weight * columns[k, j]
+        for level in range(_LEVELS):
+            for i in range(STATES, SIZE):
+                by = fade[i]
+                for j in range(width):
+                    now.covariances[level, i, j] *= by * fade[j]
+                for j in range(STATES):
+                    value = upper[level, j, i] * by
+                    now.covariances[level, i, j] = now.covariances[level, j, i] = value
+            for i in range(STATES):
+                for j in range(i + 1):
+                    value = corner[i, 8 * level + j]
+                    now.covariances[level, i, j] = now.covariances[level, j, i] = value
+            _add(now.covariances[level], noise[level])
+            if level:
+                for i in range(STATES):
+                    middle[i] = 0.0
+                    for j in range(SIZE):
+                        middle[i] += transition[i, j] * now.augmented[level, j]
+                for i in range(STATES):
+                    now.augmented[level, i] = middle[i]
+                for i in range(STATES, SIZE):
+                    now.augmented[level, i] *= fade[i]
+        gained = f.walk * travel
+        for n in range(SCALES):
+            now.scales[1, n] = now.scales[1, n] / (1.0 + now.scales[1, n] * gained)
 
 
-_BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
+@cached_njit(error_model="numpy")
+def _add(matrix: FloatArray, noise: FloatArray) -> None:
+    """Add a row of noise (24,), see `predict`, to a covariance."""
+    for i in range(SIZE):
+        matrix[i, i] += noise[i]
+    matrix[0, 1] += noise[_XY]
+    matrix[1, 0] += noise[_XY]
+    matrix[AugmentedState.PSI_I, AugmentedState.DELTA_I] += noise[_JOINT]
+    matrix[AugmentedState.DELTA_I, AugmentedState.PSI_I] += noise[_JOINT]
 
-_MOST_STEP: Final = 0.5  # of the logarithm of a factor at one sample; assumed
 
-
-@cached_njit()
+@cached_njit(error_model="numpy")
 def correct(
-    now: Levels,
+    parameters: FloatArray,
+    moment: FloatArray,
     sensor: int,
-    value: tuple[float, float],
+    first: float,
+    second: float,
     variance: float,
-    gate: float,
     forced: bool,
     learns: bool,
-    model: Model,
     rows: FloatArray,
-    pairs: FloatArray,
 ) -> tuple[float, float, float, float]:
-    """Correct a filter by one sample in place and return its innovation nu, normalised.
+    """Correct a `MOMENT` by one sample in place and return its innovation nu, normalised.
 
     With S = L L' the covariance of nu, that is nu' S^-1 nu, log det S and the two entries of
     L^-1 nu, of which a sample of one number has the first.
 
-    `sensor` is a `SensorIndex` as a number, `value` the sample (of a gyro, the angle turned since
-    its last sample and the time since then), `variance` that of each entry. A sample beyond the
-    `gate` (chi-square) changes nothing unless it is `forced`: then its noise is raised until it
-    just passes. The update has Joseph's form, see `_reduce`; disturbances are clipped to their
-    bounds. If it `learns`, the likelihood of the sample updates the factors, see `_learn`. `rows`
-    (8, 2, 22) and `pairs` (16, 2) are workspace.
+    `sensor` is a `SensorIndex` as a number, `first` and `second` are the sample (of a gyro, the
+    angle turned since its last sample and the time since then), `variance` is that of each entry. A
+    sample beyond the gate (chi-square) changes nothing unless it is `forced`: then its noise is
+    raised until it just passes, S by all of the factor. In the whitened measurement L^-1 H, the
+    gain is G = P H' L^-T and, with C = L^-1 H dP and D = L^-1 H dP H' L^-T of a derivative dP,
+
+        P <- P - G G',    dP <- dP + G W' + W G',    W = G D / 2 - C',
+
+    which are symmetric. Disturbances are clipped to their bounds.
+
+    If it `learns`, the sample updates the factors s and the information I on their logarithms. For
+    nu ~ N(0, S) with derivatives dS and dnu by s (Astrom 1980),
+
+        score = (nu' S^-1 dS S^-1 nu - tr S^-1 dS) / 2 - nu' S^-1 dnu
+        information = tr (S^-1 dS)^2 / 2 + dnu' S^-1 dnu,
+
+    s^2 times this information is gathered in I, and s <- s (1 + s score / I), within its range.
+    `rows` (8, 2, 24) are workspace, and have G' in rows[1] and L (diagonal, entry below, diagonal)
+    in rows[7, 1] afterwards.
     """
-    augmented, covariances, scales = now.augmented, now.covariances, now.scales
-    size = augmented.shape[1]  # no constant: loops over one are unrolled before they can be vector
-    # instructions
-    jacobian, cross = rows[0], rows[1:5]  # cross: H P and its derivatives, rows become vectors
-    gain, gain_derivative, workspace = rows[5], rows[6], rows[7]
-    for n in range(len(rows)):
-        for i in range(size):
-            rows[n, 0, i] = rows[n, 1, i] = 0.0
-    for n in range(len(pairs)):
-        pairs[n, 0] = pairs[n, 1] = 0.0
-    reading, weighted = pairs[0], pairs[1]  # weighted: S^-1 nu
-    precision, nu = pairs[2:4], pairs[4:8]  # nu: innovation and its derivatives
-    spread = pairs[8:16].reshape((_LEVELS, 2, 2))  # S = H P H' + R and its derivatives
-    x = augmented[0]
-    m = measure(sensor, x, model.parameters, value[1], reading, jacobian)
-    for r in range(m):
-        nu[0, r] = value[r] - reading[r]
+    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    width, gate = f.width, f.gates[sensor]
+    reading, jacobian = rows[7, 0], rows[0]
+    cross, half = rows[1:5], rows[5]  # H P and its derivatives; W'
+    spread = rows[6].reshape((12, _LEVELS))  # H P H' and its derivatives: (0, 0), (1, 0), (1, 1)
+    x = moment[AUGMENTED : AUGMENTED + WIDTH]
+    size = measure(sensor, x, parameters[:FADING], second, reading, jacobian)
+    for level in range(_LEVELS):
+        for r in range(size):
+            for j in range(width):
+                cross[level, r, j] = 0.0
+        spread[0, level] = spread[1, level] = spread[2, level] = 0.0
+    for r in range(size):
+        for k in range(SIZE):
+            weight = jacobian[r, k]
+            if weight != 0.0:
+                for level in range(_LEVELS):
+                    for j in range(width):
+                        cross[level, r, j] += weight * now.covariances[level, k, j]
+    for r in range(size):
+        for c in range(r + 1):
+            for k in range(SIZE):
+                weight = jacobian[r, k]
+                if weight != 0.0:
+                    for level in range(_LEVELS):
+                        spread[r + c, level] += weight * cross[level, c, k]
+    nu = first - reading[0]
     if (
         sensor == SensorIndex.STEERING_TRACTOR
         or sensor == SensorIndex.STEERING_TRAILER
         or sensor == SensorIndex.HITCH
     ):
-        nu[0, 0] -= 2.0 * math.pi * round(nu[0, 0] / (2.0 * math.pi))
-    for level in range(_LEVELS):
-        for r in range(m):
-            for k in range(size):
-                weight = jacobian[r, k]
-                if weight != 0.0:
-                    for i in range(size):
-                        cross[level, r, i] += covariances[level, k, i] * weight
-        for r in range(m):
-            for c in range(m):
-                for k in range(size):
-                    spread[level, r, c] += jacobian[r, k] * cross[level, c, k]
-    for r in range(m):
-        spread[0, r, r] += variance
-    root = math.sqrt(spread[0, 0, 0])
-    first, second, determinant = nu[0, 0] / root, 0.0, spread[0, 0, 0]
-    if m == 1:
-        precision[0, 0] = 1.0 / determinant
-    else:
-        determinant = spread[0, 0, 0] * spread[0, 1, 1] - spread[0, 0, 1] * spread[0, 1, 0]
-        precision[0, 0] = spread[0, 1, 1] / determinant
-        precision[1, 1] = spread[0, 0, 0] / determinant
-        precision[0, 1] = precision[1, 0] = -spread[0, 0, 1] / determinant
-        second = (nu[0, 1] - spread[0, 1, 0] / root * first) * root / math.sqrt(determinant)
-    normalised = 0.0
-    for r in range(m):
-        for c in range(m):
-            weighted[r] += precision[r, c] * nu[0, c]
-        normalised += weighted[r] * nu[0, r]
-    result = normalised, math.log(determinant), first, second
-    factor = 1.0  # by which S is raised, all of it through the noise
-    if not normalised <= gate:
+        nu -= 2.0 * math.pi * round(nu / (2.0 * math.pi))
+    root = math.sqrt(spread[0, 0] + variance)  # L: its diagonal, and the entry below
+    below, corner = 0.0, 1.0
+    e, e_2 = nu / root, 0.0
+    if size == 2:
+        below = spread[1, 0] / root
+        corner = math.sqrt(spread[2, 0] + variance - below * below)
+        e_2 = (second - reading[1] - below * e) / corner
+    normalised = e * e + e_2 * e_2
+    result = normalised, 2.0 * math.log(root * corner), e, e_2
+    raised = not normalised <= gate
+    if raised:
         if not forced:
             return result
-        factor = normalised / gate
+        factor = math.sqrt(normalised / gate)
+        root, below, corner = root * factor, below * factor, corner * factor
+        e, e_2 = e / factor, e_2 / factor
+    rows[7, 1, 0], rows[7, 1, 1], rows[7, 1, 2] = root, below, corner
+    for level in range(_LEVELS):  # cross becomes G' and the C
+        for j in range(width):
+            cross[level, 0, j] /= root
+        if size == 2:
+            for j in range(width):
+                cross[level, 1, j] = (cross[level, 1, j] - below * cross[level, 0, j]) / corner
+    gain = cross[0]
     for level in range(1, _LEVELS):
-        for r in range(m):
-            for k in range(size):
-                nu[level, r] -= jacobian[r, k] * augmented[level, k]
-    if factor == 1.0 and learns:
-        for n in range(SCALES):
-            _learn(scales[:, n], SCALE_RANGE[n], precision, spread[1 + n], weighted, nu[1 + n], m)
-    for r in range(m):
-        for c in range(m):
-            weight = precision[c, r] / factor
-            for i in range(size):
-                gain[r, i] += cross[0, c, i] * weight
-        for i in range(size):
-            x[i] += gain[r, i] * nu[0, r]
-    for i in range(STATES, size):
+        d, d_21, d_22 = spread[0, level] / root / root, 0.0, 0.0
+        slope, slope_2 = 0.0, 0.0  # derivative of the innovation, whitened
+        for k in range(SIZE):
+            slope -= jacobian[0, k] * now.augmented[level, k]
+        slope /= root
+        if size == 2:
+            d_21 = (spread[1, level] / root - below * d) / corner
+            d_22 = (spread[2, level] / corner - below * spread[1, level] / root / corner) / corner
+            d_22 -= below * d_21 / corner
+            for k in range(SIZE):
+                slope_2 -= jacobian[1, k] * now.augmented[level, k]
+            slope_2 = (slope_2 - below * slope) / corner
+        by, by_2 = d * e + d_21 * e_2, d_21 * e + d_22 * e_2
+        if learns and not raised:
+            n = level - 1
+            scale = now.scales[0, n]
+            score = 0.5 * (e * by + e_2 * by_2 - d - d_22) - e * slope - e_2 * slope_2
+            information = 0.5 * (d * d + d_22 * d_22) + d_21 * d_21
+            information += slope * slope + slope_2 * slope_2
+            now.scales[1, n] += scale * scale * information
+            step = min(max(scale * score / now.scales[1, n], -_MOST_STEP), _MOST_STEP)
+            least, most = SCALE_RANGE[n]
+            now.scales[0, n] = min(max(scale * (1.0 + step), least), most)
+        for j in range(width):
+            now.augmented[level, j] += (slope - by) * gain[0, j] + e * cross[level, 0, j]
+            half[0, j] = 0.5 * d * gain[0, j] - cross[level, 0, j]
+        if size == 2:
+            for j in range(width):
+                now.augmented[level, j] += (slope_2 - by_2) * gain[1, j] + e_2 * cross[level, 1, j]
+                half[0, j] += 0.5 * d_21 * gain[1, j]
+                half[1, j] = 0.5 * (d_21 * gain[0, j] + d_22 * gain[1, j]) - cross[level, 1, j]
+        for r in range(size):
+            for i in range(SIZE):
+                by_gain, by_half = gain[r, i], half[r, i]
+                for j in range(width):
+                    now.covariances[level, i, j] += by_gain * half[r, j] + by_half * gain[r, j]
+    for r in range(size):
+        weight = e_2 if r else e
+        for j in range(width):
+            x[j] += weight * gain[r, j]
+        for i in range(SIZE):
+            by_gain = gain[r, i]
+            for j in range(width):
+                now.covariances[0, i, j] -= by_gain * gain[r, j]
+    for i in range(STATES, SIZE):
         x[i] = min(max(x[i], -_BOUND[i - STATES]), _BOUND[i - STATES])
-    for level in range(1, _LEVELS):
-        for i in range(size):
-            gain_derivative[0, i] = gain_derivative[1, i] = 0.0
-        for c in range(m):
-            rest = workspace[0]
-            for i in range(size):
-                rest[i] = cross[level, c, i]
-            for q in range(m):
-                weight = spread[level, q, c]
-                for i in range(size):
-                    rest[i] -= gain[q, i] * weight
-            for r in range(m):
-                weight = precision[c, r] / factor
-                for i in range(size):
-                    gain_derivative[r, i] += rest[i] * weight
-        for r in range(m):
-            by_gain, by_derivative = nu[level, r], nu[0, r]
-            for i in range(size):
-                augmented[level, i] += gain[r, i] * by_gain + gain_derivative[r, i] * by_derivative
-        _reduce(covariances[level], gain, cross[level], spread[level], m, workspace)
-    for r in range(m):
-        for c in range(m):
-            spread[0, r, c] *= factor
-    _reduce(covariances[0], gain, cross[0], spread[0], m, workspace)
     return result
 
 
-@cached_njit()
-def _learn(
-    scale: FloatArray,
-    allowed: tuple[float, float],
-    precision: FloatArray,
-    spread_derivative: FloatArray,
-    weighted: FloatArray,
-    innovation_derivative: FloatArray,
-    m: int,
-) -> None:
-    """Update a factor s and the information I on its logarithm, `scale` (2,), by a sample.
-
-    For nu ~ N(0, S) with derivatives dS and dnu by s (Astrom 1980),
-
-        score = (nu' S^-1 dS S^-1 nu - tr S^-1 dS) / 2 - nu' S^-1 dnu
-        information = tr (S^-1 dS)^2 / 2 + dnu' S^-1 dnu,
-
-    s^2 times this information is gathered in I, and s <- s (1 + s score / I), within the range
-    `allowed`.
-    """
-    score, information = 0.0, 0.0
-    for r in range(m):
-        score -= weighted[r] * innovation_derivative[r]
-        for c in range(m):
-            score += 0.5 * weighted[r] * spread_derivative[r, c] * weighted[c]
-            information += innovation_derivative[r] * precision[r, c] * innovation_derivative[c]
-            one, other = 0.0, 0.0  # S^-1 dS at (r, c) and (c, r)
-            for q in range(m):
-                one += precision[r, q] * spread_derivative[q, c]
-                other += precision[c, q] * spread_derivative[q, r]
-            information += 0.5 * one * other
-            if r == c:
-                score -= 0.5 * one
-    scale[1] += scale[0] * scale[0] * information
-    step = min(max(scale[0] * score / scale[1], -_MOST_STEP), _MOST_STEP)
-    scale[0] = min(max(scale[0] * (1.0 + step), allowed[0]), allowed[1])
-
-
-@cached_njit()
-def _reduce(
-    matrix: FloatArray,
-    gain: FloatArray,
-    cross: FloatArray,
-    spread: FloatArray,
-    m: int,
-    half: FloatArray,
-) -> None:
-    """Replace M (22, 22) by (I - K H) M (I - K H)' + K R K', written as M + K W' + W K'.
-
-    `gain` K' (2, 22), `cross` C' = H M (2, 22), `spread` S = H M H' + R (2, 2), W = K S / 2 - C,
-    written into `half` W' (2, 22). The sum is symmetric, and right for any K. Of the two
-    measurements the first `m` are used.
-    """
-    size = len(matrix)
-    for r in range(m):
-        for i in range(size):
-            half[r, i] = -cross[r, i]
-        for c in range(m):
-            for i in range(size):
-                half[r, i] += 0.5 * gain[c, i] * spread[c, r]
-    for i in range(size):
-        for r in range(m):
-            by_gain, by_half = gain[r, i], half[r, i]  # for the compiler: `matrix` is not they
-            for j in range(size):
-                matrix[i, j] += by_gain * half[r, j] + by_half * gain[r, j]
-
-
-# Begin of each part in the row of a state, see `FilterState`; the time [s] is its first entry.
-AUGMENTED: Final = 1
-COVARIANCES: Final = AUGMENTED + (1 + SCALES) * SIZE
-LEARNT_SCALES: Final = COVARIANCES + (1 + SCALES) * SIZE * SIZE
-VALVES: Final = LEARNT_SCALES + 2 * SCALES
-REJECTED_SINCE: Final = VALVES + 2
-IMUS: Final = REJECTED_SINCE + len(SensorIndex)
-ROW: Final = IMUS + 2 * 4
-"""Entries of a row."""
-
-_PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
-_LONGEST_SPAN_S: Final = 0.1  # between samples of a gyro, for their mean to be that of the rate
-
-
-@cached_njit()
-def predict_until(
-    now: Levels,
-    since_s: float,
-    until_s: float,
-    ends_s: FloatArray,
-    commands: FloatArray,
-    model: Model,
-) -> None:
-    """Advance a filter from `since_s` to `until_s` under the commands held in between, in place.
-
-    Command n of `commands` (m, 3) ends at `ends_s[n]`; where an entry is NaN, that steering or the
-    speed is taken as constant.
-    """
-    command = np.empty(3)
-    for n in range(len(ends_s)):
-        if until_s - since_s <= SAME_TIME_S:
-            break
-        if ends_s[n] > since_s + SAME_TIME_S:
-            end_s = ends_s[n] if ends_s[n] < until_s - SAME_TIME_S else until_s
-            command[:] = commands[n]
-            for i in range(len(now.valves)):
-                if math.isnan(command[i]):
-                    command[i] = now.valves[i]
-            if math.isnan(command[Input.HP]):
-                rim = now.augmented[0, AugmentedState.RIM]
-                command[Input.HP] = rim / model.parameters[VehicleParameter.SPEED_GAIN]
-            span_s = end_s - since_s
-            predict(now, command, model, span_s, steps_over(span_s))
-            since_s = end_s
-
-
-@cached_njit()
-def _turned(last: FloatArray, sample: FloatArray) -> float:
+@cached_njit(error_model="numpy")
+def turned(last: FloatArray, sample: FloatArray) -> float:
     """Return the angle by which the heading turned between two samples of an IMU [rad].
 
-    `last` is (4,) as in `process`, `sample` (5,). The yaw rate w of an IMU is that about the
-    vertical; a vehicle that rolls while it stands at a pitch changes its heading beside it. From
-    the angular velocity of the angles yaw, pitch and roll (Diebel 2006, sec. 5.6),
+    Both begin with time, and have yaw rate w, roll and pitch, `last` (4,) from 1 on, `sample` (5,)
+    from 2 on. The yaw rate of an IMU is that about the vertical; a vehicle that rolls while it
+    stands at a pitch changes its heading beside it. From the angular velocity of the angles yaw,
+    pitch and roll (Diebel 2006, sec. 5.6),
 
         psi' = w + roll' sin(pitch).
 
@@ -440,86 +399,329 @@ def _turned(last: FloatArray, sample: FloatArray) -> float:
     return rate * (sample[0] - last[0]) + (sample[3] - last[2]) * math.sin(pitch)
 
 
-@cached_njit()
-def _keep_yaw(now: Levels, body: int) -> None:
-    """Make the yaw of a body, 0 or 1, that at the last sample of its gyro (`PAST_*`), in place."""
+@cached_njit(error_model="numpy")
+def _weigh(
+    parameters: FloatArray, moment: FloatArray, sample: FloatArray, rows: FloatArray
+) -> tuple[float, float, float, float]:
+    """Correct a moment by a sample (7,) of its time; note whether it was accepted in the sample."""
+    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    time_s, sensor = sample[0], int(sample[1])
+    body = sensor - _UNWEIGHED
+    first, second, variance = sample[2], sample[3], f.variances[sensor]
     psi, past = AugmentedState.PSI_T + body, AugmentedState.PAST_T + body
-    for level in range(_LEVELS):
-        now.augmented[level, past] = now.augmented[level, psi]
-        covariance = now.covariances[level]
-        for i in range(SIZE):
-            covariance[past, i] = covariance[psi, i]
-        for i in range(SIZE):
-            covariance[i, past] = covariance[i, psi]
-
-
-@cached_njit()
-def process(
-    states: FloatArray,
-    samples: FloatArray,
-    variances: FloatArray,
-    gates: FloatArray,
-    ends_s: FloatArray,
-    commands: FloatArray,
-    model: Model,
-    sampling: float,
-    results: FloatArray,
-) -> None:
-    """Predict and correct a filter through all `samples` (n, 5), which are in order of time.
-
-    A sample is its time [s], its `SensorIndex` and its value of one to three entries. Of the
-    `states` (k, `ROW`), see `FilterState`, the first is that of the start; one after the other is
-    filled with the state after all samples of one time. `variances` and `gates` (sensors,) are
-    those of each entry of a sample, `sampling` that of the yaw of a gyro over a metre. `results`
-    (n, 5) receives what `correct` returns, and whether the sample was accepted. All else is as in
-    `predict_until`.
-    """
-    rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))
-    k = 0
-    state = states[k]
-    for n in range(len(samples)):
-        time_s, sensor = samples[n, 0], int(samples[n, 1])
-        begins = n == 0 or time_s > state[0]
-        if begins:
-            k += 1
-            state = states[k]
-            state[:] = states[k - 1]
-            state[0] = time_s
-        now = Levels(
-            state[AUGMENTED:COVARIANCES].reshape((_LEVELS, SIZE)),
-            state[COVARIANCES:LEARNT_SCALES].reshape((_LEVELS, SIZE, SIZE)),
-            state[LEARNT_SCALES:VALVES].reshape((2, SCALES)),
-            state[VALVES:REJECTED_SINCE],
+    usable = True
+    if body >= 0:
+        last = now.gyros[body]
+        span_s = time_s - last[0]
+        first, second = turned(last, sample), span_s
+        travel = abs(now.augmented[0, AugmentedState.RIM]) * span_s
+        variance = variance * span_s * span_s + f.gyro_sampling * travel
+        last[0], last[1], last[2], last[3] = time_s, sample[2], sample[3], sample[4]
+        usable = span_s <= _LONGEST_SPAN_S
+    result = 0.0, 0.0, 0.0, 0.0
+    sample[5] = 0.0
+    if usable:
+        since_s = now.rejected_since[sensor]
+        forced = time_s - since_s >= _PATIENCE_S - SAME_TIME_S
+        result = correct(
+            parameters, moment, sensor, first, second, variance, forced, body < 0, rows
         )
-        if begins:
-            predict_until(now, states[k - 1, 0], time_s, ends_s, commands, model)
-        value, variance = (samples[n, 2], samples[n, 3]), variances[sensor]
-        gyro = sensor >= SensorIndex.IMU_TRACTOR
-        if gyro:
-            body = sensor - SensorIndex.IMU_TRACTOR
-            last = state[IMUS + 4 * body : IMUS + 4 * body + 4]
-            span_s = time_s - last[0]
-            value = _turned(last, samples[n]), span_s
-            travel = abs(now.augmented[0, AugmentedState.RIM]) * span_s
-            variance = variance * span_s * span_s + sampling * travel
-            last[0], last[1:] = time_s, samples[n, 2:]
-            if not span_s <= _LONGEST_SPAN_S:
-                _keep_yaw(now, body)
-                results[n, :] = 0.0
-                continue
-        rejected = state[REJECTED_SINCE:IMUS]
-        gate = gates[sensor]
-        forced = time_s - rejected[sensor] >= _PATIENCE_S - SAME_TIME_S
-        result = correct(now, sensor, value, variance, gate, forced, not gyro, model, rows, pairs)
-        if gyro:
-            _keep_yaw(now, sensor - SensorIndex.IMU_TRACTOR)
-        inside = result[0] <= gate
+        inside = result[0] <= f.gates[sensor]
         if inside:
-            rejected[sensor] = math.nan
-        elif math.isnan(rejected[sensor]):
-            rejected[sensor] = time_s
-        results[n, :4] = result
-        results[n, 4] = inside or forced
+            now.rejected_since[sensor] = math.nan
+        elif math.isnan(since_s):
+            now.rejected_since[sensor] = time_s
+        sample[5] = 1.0 if inside or forced else 0.0
+    if body >= 0:  # the yaw at this sample is the past one of the next
+        for level in range(_LEVELS):
+            now.augmented[level, past] = now.augmented[level, psi]
+            for i in range(SIZE):
+                now.covariances[level, past, i] = now.covariances[level, psi, i]
+            for i in range(SIZE):
+                now.covariances[level, i, past] = now.covariances[level, i, psi]
+    return result
+
+
+@cached_njit(error_model="numpy")
+def acting(
+    parameters: FloatArray, commands: FloatArray, count: int, time_s: float, command: FloatArray
+) -> float:
+    """Write the command (3,) that acts just after `time_s`; return until when it does [s].
+
+    Of the rows `commands` the first `count` are in use: end of the period in which a command was
+    sent, and its inputs, NaN where one is not known. The first was sent before, too. Each input
+    acts its own dead time later (`Vehicle.dead_times`).
+    """
+    dead_times = parameters.view(FILTER)[0].dead_times
+    until_s = math.inf
+    for j in range(_INPUTS):
+        n = 0
+        while n < count - 1 and commands[n, 0] + dead_times[j] <= time_s + SAME_TIME_S:
+            n += 1
+        command[j] = commands[n, 1 + j]
+        if n < count - 1:
+            until_s = min(until_s, commands[n, 0] + dead_times[j])
+    return until_s
+
+
+@cached_njit(error_model="numpy")
+def predict_until(
+    parameters: FloatArray, moment: FloatArray, commands: FloatArray, count: int, until_s: float
+) -> None:
+    """Advance a `MOMENT` to `until_s` in place under the commands of the time in between.
+
+    The commands are as in `acting`. Where one is not known, that steering or the speed is constant.
+    """
+    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    command = np.empty(_INPUTS)
+    while until_s - now.time_s > SAME_TIME_S:
+        end_s = acting(parameters, commands, count, now.time_s, command)
+        if end_s >= until_s - SAME_TIME_S:
+            end_s = until_s
+        for i in range(2):
+            if math.isnan(command[i]):
+                command[i] = now.valves[i]
+        if math.isnan(command[Input.HP]):
+            rim = now.augmented[0, AugmentedState.RIM]
+            command[Input.HP] = rim / f.vehicle[VehicleParameter.SPEED_GAIN]
+        span_s = end_s - now.time_s
+        predict(parameters, moment, command, span_s, steps_over(span_s))
+        now.time_s = end_s
+    now.time_s = until_s
+
+
+@cached_njit(error_model="numpy", nogil=True)
+def observe_filter(
+    parameters: FloatArray,
+    history: FloatArray,
+    moments: FloatArray,
+    samples: FloatArray,
+    commands: FloatArray,
+    rows: FloatArray,
+    now_s: float,
+    command: FloatArray,
+    estimate: FloatArray,
+    innovations: FloatArray,
+) -> int:
+    """Take in the samples `rows` of a tick, and write the estimate at `now_s`.
+
+    Args:
+        parameters: `FILTER`.
+        history: `HISTORY`, how full the three arrays after it are. All four are one filter's state,
+            changed in place; a copy of them is a copy of the filter.
+        moments: ring of `MOMENT`, and a last row for the prediction to `now_s`.
+        samples: rows (n, `HELD`), by time, then sensor.
+        commands: rows (n, 4), see `acting`.
+        rows: rows (n, `SAMPLE`) in the order of arrival.
+        now_s: time of this update [s]; the one before may be repeated.
+        command: (3,) of the period that ends at `now_s`, NaN where none is known.
+        estimate: `ESTIMATE`.
+        innovations: rows (n, `INNOVATION`) of the samples, of dimension 0 where there is none.
+
+    The arrays need space for all rows, see `ExtendedKalmanFilter`. Returns `UNKNOWN`, `ESTIMATED`
+    or `COMPLETE`: then the caller may write the first moment, and update to the same time again.
+
+    A late sample takes the filter back to the last moment before it; all samples from there on are
+    processed again in the order of their times. If neither a sample nor an update came for more
+    than `LONGEST_GAP_S`, or the clock was set back by more, the filter starts anew from the next
+    readings, whatever the time in between. It keeps the factors of the noise, and the disturbances,
+    faded as if the vehicle had kept its speed, with the variances of a start.
+    """
+    f, h = parameters.view(FILTER)[0], history.view(HISTORY)[0]
+    width, ring, spare = f.width, len(moments) - 1, moments[len(moments) - 1]
+    entries = moments.shape[1]
+    earliest, latest = now_s - f.memory_s - SAME_TIME_S, now_s + SAME_TIME_S
+
+    newest_s = math.nan
+    if h.moments:
+        newest_s = moments[(h.begin + h.moments - 1) % ring, 0]
+    elif h.samples:
+        newest_s = samples[h.samples - 1, 0]
+    next_s = now_s
+    for n in range(len(rows)):
+        if max(earliest, newest_s) < rows[n, 0] < next_s:
+            next_s = rows[n, 0]
+    if now_s - h.now_s < -LONGEST_GAP_S or (
+        now_s - h.now_s > LONGEST_GAP_S and next_s - newest_s > LONGEST_GAP_S
+    ):
+        if h.moments:
+            last = moments[(h.begin + h.moments - 1) % ring]
+            for i in range(entries):
+                spare[i] = last[i]
+            kept, span_s = spare.view(MOMENT)[0], abs(now_s - newest_s)
+            travel = abs(kept.augmented[0, AugmentedState.RIM]) * span_s
+            rates = parameters[FADING : FADING + 2 * (SIZE - STATES)]
+            for i in range(SIZE - STATES):
+                fading = rates[i] * span_s + rates[SIZE - STATES + i] * travel
+                kept.augmented[0, STATES + i] *= math.exp(-fading)
+            h.resumes = 1
+        h.moments = h.samples = h.commands = 0
+    h.now_s = now_s
+
+    if h.commands == 0 or commands[h.commands - 1, 0] != now_s:
+        h.commands += 1
+    commands[h.commands - 1, 0] = now_s
+    for j in range(_INPUTS):
+        commands[h.commands - 1, 1 + j] = command[j]
+
+    # Headings of both bodies for the antennas: before the start the line between them
+    yaw = np.zeros(2)
+    begin_s = -math.inf
+    if h.moments:
+        begin_s = moments[h.begin % ring, 0]
+        last = moments[(h.begin + h.moments - 1) % ring]
+        yaw[0], yaw[1] = last[AUGMENTED + State.PSI_T], last[AUGMENTED + State.PSI_I]
+    elif f.heights[0] > 0.0 or f.heights[1] > 0.0:
+        place = np.full((2, 2), math.nan)
+        for n in range(h.samples + len(rows)):
+            row = samples[n] if n < h.samples else rows[n - h.samples]
+            if 0.0 <= row[1] < 2.0 and not math.isnan(row[2] + row[3]):
+                place[int(row[1]), 0], place[int(row[1]), 1] = row[2], row[3]
+        line = math.atan2(place[0, 1] - place[1, 1], place[0, 0] - place[1, 0])
+        if not math.isnan(line):
+            yaw[0] = yaw[1] = line
+
+    # New samples in order of time; those of the IMUs first, with which antennas are corrected
+    since_s = math.inf
+    for imus in range(1, -1, -1):
+        for n in range(len(rows)):
+            if not 0.0 <= rows[n, 1] < _SENSORS:
+                innovations[n, 2] = 0.0
+                continue
+            time_s, sensor = rows[n, 0], int(rows[n, 1])
+            if (sensor >= _UNWEIGHED) != (imus == 1):
+                continue
+            used = f.variances[sensor] > 0.0
+            length = 3 if imus else (2 if sensor < 2 else 1)
+            at = h.samples
+            while at > 0 and (
+                samples[at - 1, 0] > time_s
+                or (samples[at - 1, 0] == time_s and samples[at - 1, 1] > sensor)
+            ):
+                at -= 1
+            repeated = at > 0 and samples[at - 1, 0] == time_s and samples[at - 1, 1] == sensor
+            total = 0.0  # not finite if one of its terms is not
+            for j in range(length):
+                total += rows[n, 2 + j] * 0.0
+            good = total == 0.0 and earliest <= time_s <= latest and time_s > begin_s
+            innovations[n, 0], innovations[n, 1] = sensor, math.inf
+            innovations[n, 2] = length if used and (repeated or not good) else 0.0
+            innovations[n, 3] = 0.0
+            innovations[n, 4] = innovations[n, 5] = innovations[n, 6] = math.nan
+            if repeated or not (good and (used or f.heights[0] + f.heights[1] > 0.0)):
+                continue
+            for k in range(h.samples, at, -1):
+                for j in range(HELD):
+                    samples[k, j] = samples[k - 1, j]
+            h.samples += 1
+            for j in range(5):
+                samples[at, j] = rows[n, j]
+            samples[at, 5], samples[at, 6] = 0.0, n
+            if used:
+                since_s = min(since_s, time_s)
+            if sensor < 2 and f.heights[sensor] > 0.0:
+                nearest = -1
+                for k in range(h.samples):
+                    if samples[k, 1] == _UNWEIGHED + sensor and (
+                        nearest < 0
+                        or abs(samples[k, 0] - time_s) < abs(samples[nearest, 0] - time_s)
+                    ):
+                        nearest = k
+                if nearest >= 0:
+                    roll, pitch = samples[nearest, 3], samples[nearest, 4]
+                    right = f.heights[sensor] * math.sin(roll)
+                    ahead = f.heights[sensor] * math.cos(roll) * math.sin(pitch)
+                    cos, sin = math.cos(yaw[sensor]), math.sin(yaw[sensor])
+                    samples[at, 2] = rows[n, 2] - (ahead * cos + right * sin)
+                    samples[at, 3] = rows[n, 3] - (ahead * sin - right * cos)
+
+    # Moments from the first new sample on are made again
+    now, oldest_s = spare, earliest
+    if h.moments:
+        while moments[(h.begin + h.moments - 1) % ring, 0] >= since_s:
+            h.moments -= 1
+        now = moments[(h.begin + h.moments - 1) % ring]
+        workspace, start_s = np.empty((8, 2, width)), now[0]
+        for k in range(h.samples):
+            sample = samples[k]
+            if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
+                continue
+            if sample[0] > now[0]:
+                before, h.moments = now, h.moments + 1
+                now = moments[(h.begin + h.moments - 1) % ring]
+                for i in range(entries):
+                    now[i] = before[i]
+                predict_until(parameters, now, commands, h.commands, sample[0])
+            result = _weigh(parameters, now, sample, workspace)
+            n = int(sample[6])
+            if n >= 0 and sample[1] < _UNWEIGHED:
+                innovations[n, 1], innovations[n, 6] = result[0], result[1]
+                innovations[n, 2] = 2.0 if sample[1] < 2.0 else 1.0
+                innovations[n, 3], innovations[n, 4] = sample[5], result[2]
+                innovations[n, 5] = result[3]
+        while h.moments > 1 and moments[(h.begin + 1) % ring, 0] < oldest_s:
+            h.begin, h.moments = (h.begin + 1) % ring, h.moments - 1
+        if now[0] < oldest_s:  # no sample may come before
+            predict_until(parameters, now, commands, h.commands, oldest_s)
+        oldest_s = min(oldest_s, moments[h.begin % ring, 0])
+
+    present = 0  # sensors of which there is a reading, a bit each
+    for k in range(h.samples - 1, -1, -1):  # until the start, the newest of each counts
+        bit = 1 << int(samples[k, 1])
+        samples[k, 6] = -1.0 if h.moments or present & bit == 0 else -2.0
+        present |= bit
+    count = 0
+    for k in range(h.samples):
+        if samples[k, 0] >= oldest_s or (not h.moments and samples[k, 6] == -1.0):
+            for j in range(HELD):
+                samples[count, j] = samples[k, j]
+            samples[count, 6] = -1.0
+            count += 1
+    h.samples = count
+    longest_s = max(f.dead_times[0], f.dead_times[1], f.dead_times[2])
+    count = 0
+    for k in range(h.commands):
+        if commands[k, 0] >= oldest_s - longest_s:
+            for j in range(4):
+                commands[count, j] = commands[k, j]
+            count += 1
+    h.commands = count
+
+    e = estimate.view(ESTIMATE)[0]
+    if not h.moments:
+        estimate[:] = math.nan
+        e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
+        return COMPLETE if present & 63 == 63 else UNKNOWN
+    if now_s - now[0] > SAME_TIME_S:
+        for i in range(entries):
+            spare[i] = now[i]
+        now = spare
+        predict_until(parameters, now, commands, h.commands, now_s)
+    write_moment(parameters, now, estimate)
+    e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
+    for n in range(len(innovations)):
+        if innovations[n, 2] > 0.0 and innovations[n, 1] < math.inf:
+            e.nis += innovations[n, 1]
+            e.nis_dof += innovations[n, 2]
+            if innovations[n, 0] < 2.0:
+                e.position_seen = max(e.position_seen, innovations[n, 3])
+    return ESTIMATED
+
+
+@cached_njit(error_model="numpy")
+def write_moment(parameters: FloatArray, moment: FloatArray, estimate: FloatArray) -> None:
+    """Write what an `ESTIMATE` has from a `MOMENT`; nothing came in at it."""
+    f, now, e = parameters.view(FILTER)[0], moment.view(MOMENT)[0], estimate.view(ESTIMATE)[0]
+    x = moment[AUGMENTED : AUGMENTED + WIDTH]
+    covariance = moment[COVARIANCE : COVARIANCE + SIZE * WIDTH].reshape((SIZE, WIDTH))
+    write_estimate(x, covariance, parameters[:FADING], estimate)
+    for i in range(STATES):
+        e.covariance[i, i] += f.unfollowed[i]
+    rim = now.augmented[0, AugmentedState.RIM]
+    e.covariance[State.V, State.V] += now.scales[0, 0] * f.fast_speed * rim * rim
+    for n in range(SCALES):
+        e.noise_factors[n] = now.scales[0, n]
+    e.time_s, e.nis, e.nis_dof, e.position_seen = now.time_s, 0.0, 0.0, 0.0
 
 
 def first_state(
@@ -567,6 +769,65 @@ def first_state(
     return state, (jacobian * variances) @ jacobian.T
 
 
+def first_moment(
+    readings: Mapping[Sensor, Measurement],
+    vehicle: Vehicle,
+    sensors: SensorNoise,
+    process: ProcessNoise,
+) -> FloatArray:
+    """Return the `MOMENT` (`ROW`,) that follows from one reading of every sensor.
+
+    It is at the newest of them.
+    """
+    state, covariance = first_state(readings, vehicle, replace(sensors, gnss_white_share=1.0))
+    slow = max(sensors.difference_variance, _LEAST_VARIANCE)
+    bias = max(sensors.yaw_rate_bias**2, _LEAST_VARIANCE)
+    others = [*INITIAL_SD**2, slow, slow, bias, bias, _LEAST_VARIANCE, _LEAST_VARIANCE]
+    row = np.zeros(ROW)
+    start = row.view(MOMENT)[0]
+    start["time_s"] = max(reading.time_s for reading in readings.values())
+    start["augmented"][0, :STATES] = state
+    start["covariances"][0, range(STATES, SIZE), range(STATES, SIZE)] = others
+    start["covariances"][0, :STATES, :STATES] = covariance
+    start["scales"] = process.scales, np.full(SCALES, process.scale_sd**-2)
+    start["valves"] = state[AugmentedState.DELTA_T : AugmentedState.RIM]
+    start["rejected_since"] = start["gyros"] = math.nan
+    return row
+
+
+def filter_parameters(
+    vehicle: Vehicle,
+    sensors: SensorNoise,
+    process: ProcessNoise,
+    gate_probability: float = 1e-4,
+    memory_s: float = 2.5,
+) -> FloatArray:
+    """Return the record `FILTER` of a filter as a flat array.
+
+    Raises:
+        InvalidTuning: the gate's probability is not between 0 and 1, or the memory not above 0.
+    """
+    if not 0.0 < memory_s < math.inf:
+        raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")
+    if not 0.0 < gate_probability < 1.0:
+        raise InvalidTuning(f"gate_probability: got {gate_probability}, must be in (0, 1)")
+    lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
+    flat = np.zeros(FILTER.itemsize // 8)
+    f = flat.view(FILTER)[0]
+    f["vehicle"] = vehicle_parameters(vehicle)
+    f["fading"] = process.fading(sensors).ravel()
+    f["rates"] = process.rates(sensors)
+    f["walk"], f["gyro_sampling"] = process.scale_walk**2, process.gyro_sampling**2
+    f["variances"] = [float(sensors.of(sensor)) ** 2 for sensor in lengths]
+    f["gates"] = [float(chdtri(m, gate_probability)) for m in lengths.values()]
+    f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
+    f["dead_times"], f["memory_s"] = vehicle.dead_times, memory_s
+    f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
+    f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
+    f["width"] = WIDTH
+    return flat
+
+
 HeldCommands = list[tuple[float, FloatArray | None]]
 """End time [s] and value (3,) of each of the commands held one after the other; the first one was
 held before, too. NaN where an input's command is not known; None where none is."""
@@ -588,138 +849,3 @@ def after_dead_times(
     index = np.searchsorted(ends_s, changes_s[:, None] - dead_times - SAME_TIME_S)
     acting = values[index, range(len(Input))]
     return list(zip(changes_s.tolist(), acting, strict=True))
-
-
-SampleRow = tuple[float, int, float, float, float]
-"""Time [s], `SensorIndex` and value of a sample, entries that it does not have with any number."""
-
-_UNKNOWN: Final = np.full(len(Input), math.nan)
-_LEAST_VARIANCE: Final = 1e-12  # of an entry without uncertainty: covariances are invertible
-
-
-def _part(begin: int, end: int, *shape: int) -> property:
-    return property(lambda state: state.row[begin:end].reshape(shape))
-
-
-class FilterState:
-    """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
-
-    __slots__ = ("row",)
-
-    def __init__(self, row: FloatArray) -> None:
-        self.row = row
-
-    augmented = _part(AUGMENTED, COVARIANCES, _LEVELS, SIZE)
-    covariances = _part(COVARIANCES, LEARNT_SCALES, _LEVELS, SIZE, SIZE)
-    scales = _part(LEARNT_SCALES, VALVES, 2, SCALES)
-    valves = _part(VALVES, REJECTED_SINCE, 2)
-    rejected_since = _part(REJECTED_SINCE, IMUS, -1)  # without a break [s] by `SensorIndex`, or NaN
-    gyros = _part(IMUS, ROW, 2, 4)  # last samples: time [s], yaw rate, roll, pitch, or NaN
-
-    @property
-    def time_s(self) -> float:
-        """Time of the state [s]."""
-        return self.row.item(0)
-
-    @time_s.setter
-    def time_s(self, time_s: float) -> None:
-        self.row[0] = time_s
-
-    @property
-    def levels(self) -> Levels:
-        """The parts that are predicted and corrected."""
-        return Levels(self.augmented, self.covariances, self.scales, self.valves)
-
-    def copy(self) -> FilterState:
-        return FilterState(self.row.copy())
-
-
-class KalmanFilter:
-    """Extended Kalman filter without memory: every step takes and changes a `FilterState`.
-
-    Raises:
-        InvalidTuning: the gate's probability is not between 0 and 1.
-    """
-
-    def __init__(
-        self,
-        vehicle: Vehicle,
-        sensor_noise: SensorNoise,
-        process_noise: ProcessNoise,
-        gate_probability: float,
-    ) -> None:
-        if not 0.0 < gate_probability < 1.0:
-            raise InvalidTuning(f"gate_probability: got {gate_probability}, must be in (0, 1)")
-        self._vehicle = vehicle
-        self._sensor_noise = sensor_noise
-        self._process_noise = process_noise
-        self.model = Model(
-            vehicle_parameters(vehicle),
-            process_noise.rates(sensor_noise),
-            process_noise.fading(sensor_noise),
-            process_noise.scale_walk**2,
-        )
-        lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
-        self._variances = np.array([float(sensor_noise.of(sensor)) ** 2 for sensor in lengths])
-        self._gates = np.array([float(chdtri(m, gate_probability)) for m in lengths.values()])
-
-    def start(self, readings: Mapping[Sensor, Measurement]) -> FilterState:
-        """Return the state that follows from one reading of every sensor, at the newest of them."""
-        whole_error = replace(self._sensor_noise, gnss_white_share=1.0)
-        state, covariance = first_state(readings, self._vehicle, whole_error)
-        slow = max(self._sensor_noise.difference_variance, _LEAST_VARIANCE)
-        start = FilterState(np.zeros(ROW))
-        start.time_s = max(reading.time_s for reading in readings.values())
-        start.augmented[0, :STATES] = state
-        bias = max(self._sensor_noise.yaw_rate_bias**2, _LEAST_VARIANCE)
-        others = [slow, slow, bias, bias, _LEAST_VARIANCE, _LEAST_VARIANCE]
-        start.covariances[0] = np.diag([*np.zeros(STATES), *INITIAL_SD**2, *others])
-        start.covariances[0, :STATES, :STATES] = covariance
-        noise = self._process_noise
-        start.scales[:] = noise.scales, np.full(SCALES, noise.scale_sd**-2)
-        start.valves[:] = state[AugmentedState.DELTA_T : AugmentedState.RIM]
-        start.rejected_since[:] = math.nan
-        start.gyros[:] = math.nan
-        return start
-
-    def predict(self, state: FilterState, time_s: float, held: HeldCommands) -> None:
-        """Advance `state` to `time_s` in place under the commands `held` since its time."""
-        ends_s, commands = _arrays(held)
-        predict_until(
-            state.levels, float(state.time_s), float(time_s), ends_s, commands, self.model
-        )
-        state.time_s = time_s
-
-    def process(
-        self, start: FilterState, samples: Sequence[SampleRow], held: HeldCommands
-    ) -> tuple[FloatArray, list[FilterState]]:
-        """Return the results of `samples`, (n, 5), and the states after all samples of each time.
-
-        A sample corrects the state at its time, unless the gate rejects it. The results are those
-        of `correct`, then 1 or 0 for accepted or not. There is a sample at least; they are in order
-        of time, none is before the state `start`, which stays as it is; the commands `held` begin
-        there.
-        """
-        ends_s, commands = _arrays(held)
-        rows = np.fromiter(chain.from_iterable(samples), float).reshape(-1, 5)
-        count = 1 + len({row[0] for row in samples})
-        states, results = np.empty((count, ROW)), np.empty((len(rows), 5))
-        states[0] = start.row
-        process(
-            states,
-            rows,
-            self._variances,
-            self._gates,
-            ends_s,
-            commands,
-            self.model,
-            self._process_noise.gyro_sampling**2,
-            results,
-        )
-        return results, [FilterState(state) for state in states[1:]]
-
-
-def _arrays(held: HeldCommands) -> tuple[FloatArray, FloatArray]:
-    """Return end times (m,) [s] and commands (m, 3), NaN where a command is not known."""
-    commands = [_UNKNOWN if command is None else command for _, command in held]
-    return np.array([end_s for end_s, _ in held]), np.array(commands).reshape(-1, len(Input))

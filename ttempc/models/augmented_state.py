@@ -1,6 +1,8 @@
 """Augmented state of the estimators: the vehicle's state and its persistent disturbances."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from enum import IntEnum
 from typing import Final, NamedTuple
 
@@ -8,6 +10,7 @@ import numpy as np
 
 from ..errors import UnknownSensor
 from ..jit import cached_njit
+from ..layout import ESTIMATE, estimate_view
 from ..types import (
     Disturbance,
     Estimate,
@@ -19,7 +22,6 @@ from ..types import (
     State,
 )
 from ..vehicle import Vehicle
-from .kinematics import hitch_angle, trailer_point
 
 
 class AugmentedState(IntEnum):
@@ -57,6 +59,7 @@ class AugmentedState(IntEnum):
 
 STATES: Final = len(State)
 SIZE: Final = len(AugmentedState)
+_OF_MAP: Final = len(MapDisturbance)
 
 DISTURBANCE_BOUND: Final[FloatArray] = np.array(
     [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 0.1, 0.1, math.inf, math.inf]
@@ -71,7 +74,6 @@ _V_DEPENDS_ON: Final = (
     int(AugmentedState.CLIMB_X),
     int(AugmentedState.CLIMB_Y),
 )
-_NOTHING: Final = np.zeros(STATES)
 
 INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
 """Standard deviation of each disturbance of the vehicle before the first sample, (9,); assumed."""
@@ -163,80 +165,79 @@ def estimate_of(
     covariance: FloatArray,
     time_s: float,
     vehicle: Vehicle,
-    innovations: tuple[Innovation, ...],
-    unfollowed: FloatArray = _NOTHING,
-    noise_factors: FloatArray | None = None,
+    innovations: Sequence[Innovation] = (),
 ) -> Estimate:
-    """Return the estimate for a controller from an augmented state (22,).
+    """Return the estimate for a controller from an augmented state (22,), see `write_estimate`.
 
-    `covariance` (22, 22) is carried to the state (7, 7) to first order; the
-    variances `unfollowed` (7,) of what no state follows are added. The drive disturbance of
-    the estimate moves v as the rim speed, its disturbance and the wheel slip do together.
-    `noise_factors` (3,) are handed on.
+    `covariance` is (22, 22).
     """
-    total = slips(augmented)
-    state = augmented[:STATES].copy()
-    _, _, psi_t, _, delta_t, _, rim, _, _, bias, drive, _, *others = augmented.tolist()
-    of_map = others[: len(MapDisturbance)]
-    _, _, climb_x, climb_y = of_map
-    cos, sin = math.cos(psi_t), math.sin(psi_t)
-    v = rim * (1.0 - total.wheel)
-    state[State.V] = v
-    gear = math.copysign(1.0, rim)
-    slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
-    slip_rate = slip_by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
-    by_entry = (  # d v / d augmented
+    row = np.full(ESTIMATE.itemsize // 8, math.nan)
+    write_estimate(augmented, covariance, vehicle_parameters(vehicle), row)
+    row.view(ESTIMATE)["time_s"] = time_s
+    return replace(estimate_view(row), innovations=innovations)
+
+
+@cached_njit(error_model="numpy")
+def write_estimate(
+    x: FloatArray, covariance: FloatArray, parameters: FloatArray, estimate: FloatArray
+) -> None:
+    """Write what an `ESTIMATE` has of an augmented state `x` (22,) and its `covariance` P (22, 22).
+
+    The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
+    but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (10,).
+    """
+    e = estimate.view(ESTIMATE)[0]
+    psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+    delta_i, rim = x[AugmentedState.DELTA_I], x[AugmentedState.RIM]
+    gx, gy = x[AugmentedState.SIDE_X], x[AugmentedState.SIDE_Y]
+    cx, cy = x[AugmentedState.CLIMB_X], x[AugmentedState.CLIMB_Y]
+    cos, sin, gear = math.cos(psi_t), math.sin(psi_t), math.copysign(1.0, rim)
+    cos_i, sin_i, psi_d = math.cos(psi_i), math.sin(psi_i), psi_i + delta_i
+    wheel = x[AugmentedState.WHEEL] + gear * (cx * cos + cy * sin)
+    slip_by_heading = gear * (cy * cos - cx * sin)  # ds / d(psi_t)
+    v = rim * (1.0 - wheel)
+    bias = x[AugmentedState.STEERING]
+    yaw_rate = v * math.tan(x[AugmentedState.DELTA_T] + bias)
+    yaw_rate /= parameters[VehicleParameter.WHEELBASE]
+    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    for i in range(STATES):
+        e.state[i] = x[i]
+    e.state[State.V] = v
+    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    e.trailer_xy[0] = x[0] - a * cos - d * math.cos(psi_d) - length_i * cos_i
+    e.trailer_xy[1] = x[1] - a * sin - d * math.sin(psi_d) - length_i * sin_i
+    e.hitch_angle = psi_t - psi_i - delta_i
+    e.disturbance[Disturbance.SLIP_T] = x[AugmentedState.SLIP_T] + gear * (gy * cos - gx * sin)
+    e.disturbance[Disturbance.SLIP_I] = x[AugmentedState.SLIP_I] + gear * (gy * cos_i - gx * sin_i)
+    e.disturbance[Disturbance.STEERING] = bias
+    slip_rate = slip_by_heading * yaw_rate  # s' [1/s]
+    e.disturbance[Disturbance.DRIVE] = x[AugmentedState.DRIVE] - rim * (wheel / tau + slip_rate)
+    e.disturbance[Disturbance.WHEEL] = wheel
+    for i in range(_OF_MAP):
+        e.map_disturbance[i] = x[AugmentedState.SIDE_X + i]
+    slopes = (  # d v / d augmented, at `_V_DEPENDS_ON`
         -rim * slip_by_heading,
-        1.0 - total.wheel,
+        1.0 - wheel,
         -rim,
         -abs(rim) * cos,
         -abs(rim) * sin,
     )
-    drive_v = drive - rim * (total.wheel / vehicle.speed_time_constant + slip_rate)
-    of_state = np.empty((STATES, STATES))
-    state_covariance(covariance, _V_DEPENDS_ON, by_entry, unfollowed, of_state)
-    return Estimate(
-        time_s=time_s,
-        state=state,
-        covariance=of_state,
-        trailer_xy=trailer_point(state, vehicle),
-        hitch_angle=hitch_angle(state),
-        disturbance=np.array([total.tractor, total.trailer, bias, drive_v, total.wheel]),
-        innovations=innovations,
-        map_disturbance=np.array(of_map),
-        noise_factors=noise_factors,
-    )
-
-
-@cached_njit()
-def state_covariance(
-    covariance: FloatArray,
-    entries: tuple[int, int, int, int, int],
-    slopes: tuple[float, float, float, float, float],
-    unfollowed: FloatArray,
-    result: FloatArray,
-) -> None:
-    """Write J P J' + diag(`unfollowed`) into `result` (7, 7), `covariance` P (22, 22).
-
-    J picks the state (`State`) out of the augmented state, but for the speed, which depends on the
-    five `entries` with the derivatives `slopes`.
-    """
-    speed = State.V
-    for i in range(speed):
-        for j in range(speed):
-            result[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
-    for i in range(speed):
-        total = 0.0
-        for n in range(len(entries)):
-            total += slopes[n] * 0.5 * (covariance[entries[n], i] + covariance[i, entries[n]])
-        result[speed, i] = result[i, speed] = total
     variance = 0.0
-    for n in range(len(entries)):
-        for m in range(len(entries)):
-            variance += slopes[n] * slopes[m] * covariance[entries[n], entries[m]]
-    result[speed, speed] = variance
-    for i in range(len(unfollowed)):
-        result[i, i] += unfollowed[i]
+    for i in range(State.V):
+        total = 0.0
+        for n in range(len(slopes)):
+            k = _V_DEPENDS_ON[n]
+            total += slopes[n] * 0.5 * (covariance[k, i] + covariance[i, k])
+        e.covariance[State.V, i] = e.covariance[i, State.V] = total
+        for j in range(State.V):
+            e.covariance[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
+    for n in range(len(slopes)):
+        for m in range(len(slopes)):
+            by = covariance[_V_DEPENDS_ON[n], _V_DEPENDS_ON[m]]
+            variance += slopes[n] * slopes[m] * by
+    e.covariance[State.V, State.V] = variance
 
 
 _TERMS: Final = 4  # of the exponential's series: enough for a third of a lag
@@ -275,7 +276,7 @@ def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
     return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
 
 
-@cached_njit()
+@cached_njit(error_model="numpy")
 def _steering(
     x: FloatArray, inputs: FloatArray, parameters: FloatArray, joint: int
 ) -> tuple[float, float]:
@@ -291,7 +292,7 @@ def _steering(
     return rate, 1.0 / lag
 
 
-@cached_njit()
+@cached_njit(error_model="numpy")
 def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: FloatArray) -> None:
     """Write dx/dt of the first seven entries under `inputs` (3,) into `rate` (7,).
 
@@ -328,7 +329,7 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     rate[AugmentedState.RIM] = (steady_rim - rim) / tau + x[AugmentedState.DRIVE]
 
 
-@cached_njit()
+@cached_njit(error_model="numpy")
 def state_rate_jacobian(
     x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
 ) -> None:
@@ -400,7 +401,7 @@ def state_rate_jacobian(
     jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_Y] += gear * by_slip_i * cos_p
 
 
-@cached_njit()
+@cached_njit(error_model="numpy")
 def move_augmented_state(
     x: FloatArray,
     valves: FloatArray,
@@ -416,8 +417,8 @@ def move_augmented_state(
 
     The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
     limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
-    Disturbances fade by exp(-a step_s - b travel) with the rows a [1/s], b [1/m] of `fading`
-    (2, 15). Written are the state in the `middle` of the step (22,), the `inputs` that act (3,) and
+    Disturbances fade by exp(-a step_s - b travel) with the halves a [1/s], b [1/m] of `fading`
+    (30,). Written are the state in the `middle` of the step (22,), the `inputs` that act (3,) and
     the logarithm of the factor by which each disturbance fades, `faded` (15,).
     """
     inputs[Input.HP] = command[Input.HP]
@@ -441,11 +442,11 @@ def move_augmented_state(
         x[i] += change
     travel = abs(middle[AugmentedState.RIM]) * step_s
     for j in range(SIZE - STATES):
-        faded[j] = -fading[0, j] * step_s - fading[1, j] * travel
+        faded[j] = -fading[j] * step_s - fading[SIZE - STATES + j] * travel
         x[STATES + j] *= math.exp(faded[j])
 
 
-@cached_njit()
+@cached_njit(error_model="numpy")
 def advance_augmented_state(
     x: FloatArray,
     valves: FloatArray,
@@ -457,25 +458,31 @@ def advance_augmented_state(
 ) -> None:
     """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
 
-    `transition` (22, 22) is the exponential of the Jacobian in the middle of the step.
+    `transition` (22, 22) is the exponential of the Jacobian in the middle of the step. Its rows and
+    `x` may be longer.
     """
-    middle, inputs, faded = np.empty(SIZE), np.empty(3), np.empty(SIZE - STATES)
+    size = transition.shape[1]
+    middle, inputs, faded = np.empty(len(x)), np.empty(3), np.empty(SIZE - STATES)
     move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
-    jacobian = np.empty((STATES, SIZE))
+    jacobian = np.empty((STATES, size))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
-    size = len(transition)  # no constant, see `correct`
     # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
-    transition[:, :] = 0.0
-    for i in range(size):
+    for i in range(SIZE):
+        for j in range(size):
+            transition[i, j] = 0.0
         transition[i, i] = 1.0
-    previous = np.empty((STATES, SIZE))
+    previous, diagonal = np.empty((STATES, size)), np.zeros(size)
     for term in range(_TERMS, 0, -1):
-        previous[:, :] = transition[:STATES]
+        for i in range(STATES):
+            for j in range(size):
+                previous[i, j] = transition[i, j]
+        for j in range(STATES, SIZE):
+            diagonal[j] = transition[j, j]
         duration = step_s / term
         for i in range(STATES):
             for j in range(size):
-                transition[i, j] = jacobian[i, j] * transition[j, j] if j >= STATES else 0.0
+                transition[i, j] = jacobian[i, j] * diagonal[j]
             for k in range(STATES):
                 if jacobian[i, k] != 0.0:
                     for j in range(size):
@@ -484,11 +491,11 @@ def advance_augmented_state(
                 transition[i, j] *= duration
         for i in range(STATES):
             transition[i, i] += 1.0
-        for j in range(STATES, size):
+        for j in range(STATES, SIZE):
             transition[j, j] = 1.0 + faded[j - STATES] * transition[j, j] / term
 
 
-@cached_njit()
+@cached_njit(error_model="numpy")
 def measure(
     sensor: int,
     x: FloatArray,

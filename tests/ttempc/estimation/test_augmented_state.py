@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from tests.reference.estimation.augmented_state import augmented_rate
 from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
-from ttempc.estimation.filter import KalmanFilter
+from ttempc.estimation import filter as kernels
 from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ttempc.models.augmented_state import (
     INITIAL_SD,
@@ -77,15 +77,12 @@ def test_the_estimate_moves_the_articulated_model_as_the_augmented_state_does():
         )
         inputs = near(augmented, generator)
         inputs[2] = steady / VEHICLE.speed_gain
-        estimate = estimate_of(augmented, np.eye(SIZE), 0.0, VEHICLE, ())
+        estimate = estimate_of(augmented, np.eye(SIZE), 0.0, VEHICLE)
         slip = 1.0 - estimate.state[State.V] / augmented[AugmentedState.RIM]
         assert estimate.disturbance[Disturbance.WHEEL] == pytest.approx(slip, abs=1e-12)
         step = 1e-6
         after = augmented + step * augmented_rate(augmented, inputs, VEHICLE)
-        v = [
-            estimate_of(b, np.eye(SIZE), 0.0, VEHICLE, ()).state[State.V]
-            for b in (augmented, after)
-        ]
+        v = [estimate_of(b, np.eye(SIZE), 0.0, VEHICLE).state[State.V] for b in (augmented, after)]
         rate = articulated(estimate.state, inputs, VEHICLE, estimate.disturbance)
         assert (v[1] - v[0]) / step == pytest.approx(rate[State.V], abs=1e-5)
         np.testing.assert_allclose(
@@ -96,15 +93,14 @@ def test_the_estimate_moves_the_articulated_model_as_the_augmented_state_does():
 def test_covariance_of_the_estimate_is_that_of_the_augmented_state_to_first_order():
     generator = np.random.default_rng(74)
     augmented, root = random_augmented(generator), generator.standard_normal((SIZE, SIZE))
-    covariance, unfollowed = root @ root.T, np.arange(1.0, 8.0)
+    covariance = root @ root.T
 
     def state(x):
-        return estimate_of(x, np.eye(SIZE), 0.0, VEHICLE, ()).state
+        return estimate_of(x, np.eye(SIZE), 0.0, VEHICLE).state
 
     jacobian = central_differences(state, augmented)
-    estimate = estimate_of(augmented, covariance, 0.0, VEHICLE, (), unfollowed)
-    carried = jacobian @ covariance @ jacobian.T + np.diag(unfollowed)
-    np.testing.assert_allclose(estimate.covariance, carried, atol=1e-6)
+    estimate = estimate_of(augmented, covariance, 0.0, VEHICLE)
+    np.testing.assert_allclose(estimate.covariance, jacobian @ covariance @ jacobian.T, atol=1e-6)
 
 
 def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative():
@@ -119,7 +115,7 @@ def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative(
         def after(x, valves=valves, command=command, transition=None):
             x, v = x.copy(), valves.copy()
             unused = np.empty((SIZE, SIZE)) if transition is None else transition
-            advance_augmented_state(x, v, command, PARAMETERS, rates, step, unused)
+            advance_augmented_state(x, v, command, PARAMETERS, rates.ravel(), step, unused)
             return np.concatenate([x, v])
 
         transition = np.empty((SIZE, SIZE))
@@ -149,15 +145,27 @@ def samples(augmented, generator, time_s):
     return measurements
 
 
-def row_of(sample):
-    """The row of a sample for `KalmanFilter.process`."""
-    return sample.time_s, KERNEL_INDEX[sample.sensor], sample.value[0], sample.value[-1], 0.0
+class Plain:
+    """One moment of a filter, predicted and corrected by the kernels."""
 
+    def __init__(self, readings, sensors, noise, gate):
+        self.parameters = kernels.filter_parameters(VEHICLE, sensors, noise, gate)
+        self.row = kernels.first_moment({m.sensor: m for m in readings}, VEHICLE, sensors, noise)
+        self.now = self.row.view(kernels.MOMENT)[0]
+        self.variance = self.parameters.view(kernels.FILTER)[0]["variances"]
+        self.augmented = self.now["augmented"][:, :SIZE]
+        self.covariances = self.now["covariances"][:, :, :SIZE]
 
-def corrected(kalman, state, sample):
-    """The state after a sample of its time, and the results of the sample."""
-    results, (after,) = kalman.process(state, [row_of(sample)], [])
-    return after, results[0].tolist()
+    def predict(self, command, span_s):
+        kernels.predict(self.parameters, self.row, command, span_s, kernels.steps_over(span_s))
+
+    def correct(self, sample):
+        index = KERNEL_INDEX[sample.sensor]
+        value, variance = (sample.value[0], sample.value[-1]), self.variance[index]
+        rows = np.empty((8, 2, kernels.WIDTH))
+        return kernels.correct(
+            self.parameters, self.row, index, *value, variance, False, True, rows
+        )
 
 
 def test_the_filter_is_that_of_the_textbook():
@@ -168,17 +176,18 @@ def test_the_filter_is_that_of_the_textbook():
     generator = np.random.default_rng(76)
     noise = ProcessNoise(scale_walk=1e-12, scale_sd=1e-9)
     sensors = SensorNoise(gnss_white_share=0.5)
-    kalman = KalmanFilter(VEHICLE, sensors, noise, 1e-9)
     augmented = random_augmented(generator)
     augmented[7:] = 0.0
-    now = kalman.start({m.sensor: m for m in samples(augmented, generator, 0.0)})
+    now = Plain(samples(augmented, generator, 0.0), sensors, noise, 1e-9)
     np.testing.assert_array_equal(np.diag(now.covariances[0])[7:16], INITIAL_SD**2)
     np.testing.assert_allclose(np.diag(now.covariances[0])[16:18], 0.25 * sensors.gnss**2)
     plain, covariance = now.augmented[0].copy(), now.covariances[0].copy()
-    command = np.array([*now.valves, now.augmented[0, AugmentedState.RIM] / VEHICLE.speed_gain])
+    command = np.array(
+        [*now.now["valves"], now.augmented[0, AugmentedState.RIM] / VEHICLE.speed_gain]
+    )
     step = 0.02
     for k in range(1, 21):
-        kalman.predict(now, k * step, [(k * step, command)])
+        now.predict(command, step)
         before = plain.copy()
         for _ in range(100):
             middle = plain + step / 200 * augmented_rate(plain, command, VEHICLE)
@@ -195,7 +204,7 @@ def test_the_filter_is_that_of_the_textbook():
         np.testing.assert_allclose(now.covariances[0], covariance, rtol=1e-4, atol=1e-9)
         augmented += step * augmented_rate(augmented, command, VEHICLE)
         for sample in samples(augmented, generator, k * step):
-            now, innovation = corrected(kalman, now, sample)
+            innovation = now.correct(sample)
             reading, by = predicted_measurement(sample.sensor, plain, VEHICLE)
             difference = np.array(sample.value) - reading
             if len(difference) == 1 and sample.sensor is not Sensor.ENCODER:
@@ -235,20 +244,19 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
         augmented = random_augmented(generator)
         augmented[7:] = 0.0
         noise = ProcessNoise(**{name: factor}, scale_sd=1e-4, scale_walk=1e-12)
-        kalman = KalmanFilter(VEHICLE, SensorNoise(), noise, 1e-12)
-        now = kalman.start({m.sensor: m for m in samples(augmented, generator, 0.0)})
+        now = Plain(samples(augmented, generator, 0.0), SensorNoise(), noise, 1e-12)
         command, likelihood = near(augmented, generator), 0.0
         command[2] = augmented[AugmentedState.RIM] / VEHICLE.speed_gain
         for k in range(1, 26):
-            kalman.predict(now, 0.04 * k, [(0.04 * k, command)])
+            now.predict(command, 0.04)
             augmented += 0.04 * augmented_rate(augmented, command, VEHICLE)
             for sample in samples(augmented, generator, 0.04 * k):
                 by = predicted_measurement(sample.sensor, now.augmented[0], VEHICLE)[1]
                 variance = SensorNoise().of(sample.sensor) ** 2
                 spread = by @ now.covariances[0] @ by.T + variance * np.eye(len(by))
-                now, (normalised, *_) = corrected(kalman, now, sample)
+                normalised, *_ = now.correct(sample)
                 likelihood -= 0.5 * (normalised + np.log(np.linalg.det(spread)))
-        learnt, information = now.scales[:, scale]  # the information stays that of the start
+        learnt, information = now.now["scales"][:, scale]  # the information stays that of the start
         return now, likelihood, (learnt - factor) * information / factor**2
 
     one, (less, lower, _), (more, upper, _) = (run(value + by) for by in (0.0, -small, small))

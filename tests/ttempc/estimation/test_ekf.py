@@ -14,9 +14,11 @@ from scipy.stats import chi2
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator
 from ttempc.estimation import filter as filter_kernels
-from ttempc.estimation.ekf import ExtendedKalmanFilter, LeverArm
-from ttempc.estimation.filter import _turned, after_dead_times
+from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.filter import after_dead_times, turned
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
+from ttempc.layout import sample_rows
+from ttempc.learning.lengths import axle_points
 from ttempc.models import augmented_state
 from ttempc.models.augmented_state import (
     LENGTH,
@@ -243,11 +245,12 @@ def test_a_position_moves_by_the_lever_arm_turned_by_yaw_pitch_and_roll(body, gn
         yaw, pitch, roll = generator.uniform(-1.0, 1.0, 3) * (3.0, 0.3, 0.3)
         turn = Rotation.from_euler("ZYX", (yaw, pitch, roll))
         east, north, _ = turn.apply((0.0, 0.0, HEIGHTS[body]))
-        arm, headings = LeverArm(HEIGHTS, 1.0), [9.0, 9.0]
-        headings[body] = yaw
+        headings = np.full((2, 2), 9.0)
+        headings[:, body] = yaw
         antenna = Measurement(0.2, gnss, (5.0 + east, 3.0 + north))
-        point, _ = arm.corrected([antenna, imu(sensor, 0.2, roll, pitch)], tuple(headings))
-        np.testing.assert_allclose(point.value, (5.0, 3.0), atol=1e-12)
+        rows = sample_rows([antenna, imu(sensor, 0.2, roll, pitch)])
+        point, _ = axle_points(rows, headings, HEIGHTS)
+        np.testing.assert_allclose(point[2:4], (5.0, 3.0), atol=1e-12)
 
 
 BIAS = {Sensor.IMU_TRACTOR: 0.002, Sensor.IMU_TRAILER: -0.0015}  # [rad/s], twice their sd
@@ -306,10 +309,10 @@ def test_gyros_give_the_heading_and_their_bias():
         without.append(plain.errors()[60:, yaw])
         variance = np.array([np.diag(e.covariance) for e in drive.estimates])[60:, yaw]
         nees.append(drive.errors()[60:, yaw] ** 2 / variance)
-        state = estimator.inner._states[-1]
+        state = estimator.inner.moments()[-1]
         biases = slice(AugmentedState.GYRO_T, AugmentedState.GYRO_I + 1)
-        sd = np.sqrt(np.diag(state.covariances[0])[biases])
-        assert (np.abs(state.augmented[0, biases] - list(BIAS.values())) < 4.0 * sd).all()
+        sd = np.sqrt(np.diag(state["covariances"][0])[biases])
+        assert (np.abs(state["augmented"][0, biases] - list(BIAS.values())) < 4.0 * sd).all()
         assert (sd < 0.5 * NOISE.yaw_rate_bias).all()
     rms = [np.sqrt(np.mean(np.concatenate(errors) ** 2)) for errors in (with_gyros, without)]
     assert rms[0] < 0.6 * rms[1]
@@ -319,7 +322,7 @@ def test_gyros_give_the_heading_and_their_bias():
 @pytest.mark.parametrize("slope", [0.0, 0.15])
 def test_the_heading_on_a_slope_follows_from_the_rate_about_the_vertical(slope):
     """A vehicle turns on a plane by 1.5 rad; the sum of all steps is the change of its heading."""
-    rate, step_s, turned = 0.3, 0.02, 0.0
+    rate, step_s, angle = 0.3, 0.02, 0.0
     plane = Rotation.from_euler("x", slope)
 
     def attitude(time_s: float) -> tuple[float, float, float]:
@@ -333,9 +336,9 @@ def test_the_heading_on_a_slope_follows_from_the_rate_about_the_vertical(slope):
     times = np.arange(0.0, 5.0 + 0.5 * step_s, step_s)
     for before, after in itertools.pairwise(times):
         now = row(after)
-        turned += _turned(np.array(row(before)), np.array([now[0], 6.0, *now[1:]]))
+        angle += turned(np.array(row(before)), np.array([now[0], 6.0, *now[1:]]))
     heading = attitude(times[-1])[0] - attitude(0.0)[0]
-    assert turned == pytest.approx(heading, abs=2e-6)
+    assert angle == pytest.approx(heading, abs=2e-6)
     if slope:
         assert abs(rate * math.cos(slope) * times[-1] - heading) > 5e-3
 
@@ -366,7 +369,7 @@ def test_no_kernel_compiles_after_warm_up():
     for estimator in (ExtendedKalmanFilter(VEHICLE), MovingHorizonEstimator(VEHICLE)):
         estimator.warm_up()
         compiled = signatures()
-        assert all(compiled[name] for name in ("predict_until", "process"))
+        assert all(compiled[name] for name in ("observe_filter", "write_moment"))
         SensedDrive(32, corrupt=varied, estimator=estimator).run(50)
         estimator.update(50 * PERIOD_S, [], None)
         estimator.update(11, [], Command(0, 0, 1))  # integers

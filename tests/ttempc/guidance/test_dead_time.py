@@ -64,7 +64,7 @@ def loop(controller, vehicle, augmented, first, ticks, waiting):
                 valves,
                 acting,
                 vehicle_parameters(vehicle),
-                np.zeros((2, SIZE - STATES)),
+                np.zeros(2 * (SIZE - STATES)),
                 SUBSTEP_S,
                 transition,
             )
