@@ -131,6 +131,7 @@ class Motion(NamedTuple):
 
 _MOTION: Final = len(Motion._fields)
 TOOL_SIZE: Final = 6  # numbers of a `Tool` before its arrays
+TOOL_LOWERED: Final = 4  # column of a tool\'s row
 
 
 class Moments(NamedTuple):

@@ -209,10 +209,11 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
     def _proceed(self) -> Outcome | None:
         """Run to the next tick that needs a command; return the outcome where there is none."""
         assert self._run is not None
-        try:
-            self._tick = next(self._run)
-        except StopIteration as end:
-            return end.value
+        with self._setup.deadline.watch():
+            try:
+                self._tick = next(self._run)
+            except StopIteration as end:
+                return end.value
         return None
 
     def _observe(self) -> FloatArray:
@@ -226,14 +227,11 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
 
     def _errors_m(self) -> tuple[float, float]:
         """Return the true distances of both points from their references [m]."""
-        truth, setup = self._tick.now, self._setup
+        now, setup = self._tick.motion, self._setup
         # The next tick has begun, unless the run has ended: the reference is that of now.
-        row = setup.reference_row(self._guidance.reference_tick * setup.control_steps, truth)
-        x_t, y_t, _, x_i, y_i = row[:5].tolist()
-        return (
-            math.hypot(truth.tractor.x - x_t, truth.tractor.y - y_t),
-            math.hypot(truth.trailer.x - x_i, truth.trailer.y - y_i),
-        )
+        step = self._guidance.reference_tick * setup.control_steps
+        x_t, y_t, _, x_i, y_i = setup.reference_row(step, now.x_t, now.y_t)[:5].tolist()
+        return math.hypot(now.x_t - x_t, now.y_t - y_t), math.hypot(now.x_i - x_i, now.y_i - y_i)
 
 
 class _Actions:

@@ -19,6 +19,7 @@ from ...testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
     ESTIMATE,
+    REFERENCE,
     STATE,
     TIMING,
     TOOL,
@@ -38,6 +39,10 @@ from .tracking_errors import (
 )
 
 _AT_BOUND: Final = 1e-9  # [rad] or fraction: a command this close to a limit counts as at it
+ENTERED_M: Final = 0.1
+"""Distance from its line up to which a point counts as having entered it."""
+_TURNED: Final = math.radians(2.0)  # heading beside that of the path from which a run has an entry
+_ENTRY_M: Final = 30.0  # distance driven that an entry may take
 
 Status = Literal["completed", "stopped", "lost", "invalid", "ended early", "torn"]
 """How a run ended. The last two are of a log alone: it does not say how, or it is not whole."""
@@ -221,6 +226,23 @@ class CorridorStatistics:
 
 
 @dataclass(frozen=True, slots=True)
+class PointEntry:
+    """Entry of one point into its line."""
+
+    overshoot_m: float | None  # largest distance on the other side than that of the start
+    settled_m: float | None  # distance driven until it is within 10 cm for good; None: never
+
+
+@dataclass(frozen=True, slots=True)
+class EntryStatistics:
+    """Entry into the line from a start beside it, over the first 30 m driven."""
+
+    tractor: PointEntry
+    trailer: PointEntry
+    tool: PointEntry | None = None  # None if the run has no implement
+
+
+@dataclass(frozen=True, slots=True)
 class ExtremeStatistics:
     """Largest absolute angles of a whole run, whose limits end a run."""
 
@@ -248,6 +270,7 @@ class Summary:
     corridor: CorridorStatistics | None  # None on free ground
     slip: SlipStatistics
     extremes: ExtremeStatistics
+    entry: EntryStatistics | None  # None for a start on the path
     implement: ImplementStatistics | None  # None if the run has no implement
     learnt: list[str]  # time and change of model parameters that were learnt
     log: str | None
@@ -263,10 +286,11 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
     duration_s = round(float(times[-1]), 6) if len(times) else 0.0  # of whole physics steps
     identity = {item.name: getattr(facts, item.name) for item in fields(facts)}
     del identity["wall_s"]
+    errors = tracking_errors(record)
     return Summary(
         **{**identity, "versions": dict(facts.versions)},
         duration_s=duration_s,
-        tracking=tracking_statistics(tracking_errors(record)),
+        tracking=tracking_statistics(errors),
         estimation=_estimation(record),
         timing=_timing(record, duration_s, facts.wall_s),
         inputs=input_statistics(record),
@@ -274,6 +298,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         corridor=corridor_statistics(record),
         slip=_slip(record),
         extremes=_extremes(record),
+        entry=entry_statistics(record, errors),
         implement=_implement(record),
         learnt=[
             f"{event.time_s:.0f} s: {event.text.removeprefix(LEARNT)}"
@@ -412,6 +437,37 @@ def corridor_statistics(record: Record) -> CorridorStatistics | None:
         tool=outside("tool") if len(record[TOOL]) else None,
         hitch_outside_fraction=_mean(beta[limited] > limit[limited]),
     )
+
+
+def entry_statistics(record: Record, errors: TrackingErrors) -> EntryStatistics | None:
+    """Return how the points came into their lines, None for a start within 10 cm and 2 deg.
+
+    The side on which a point starts is, where it is on its line, that to which the heading points.
+    """
+    _, state, reference = rows_at_same_time(record, STATE, REFERENCE)
+    if not len(state):
+        return None
+    turned = record[STATE]["psi_t_rad"][state[0]] - record[REFERENCE]["psi_t_rad"][reference[0]]
+    turned = math.remainder(turned, 2.0 * math.pi)
+    if abs(errors.tractor.cross_m[0]) <= ENTERED_M and abs(turned) < _TURNED:
+        return None
+    way = np.diff(record[STATE].columns(*position_fields("tractor"))[state], axis=0)
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*way.T))])
+
+    def entry(error: BodyError) -> PointEntry:
+        rows = (driven <= _ENTRY_M) & np.isfinite(error.cross_m)  # a raised tool has no error
+        cross, at = error.cross_m[rows], driven[rows]
+        if not cross.size:
+            return PointEntry(None, None)
+        side = math.copysign(1.0, cross[0] if abs(cross[0]) > ENTERED_M else turned)
+        beyond = np.flatnonzero(np.abs(cross) > ENTERED_M)
+        entered = int(beyond[-1]) + 1 if beyond.size else 0
+        return PointEntry(
+            overshoot_m=max(0.0, float((-side * cross).max())),
+            settled_m=float(at[entered]) if entered < len(at) else None,
+        )
+
+    return EntryStatistics(**{name: entry(error) for name, error in errors.by_point.items()})
 
 
 def _slip(record: Record) -> SlipStatistics:

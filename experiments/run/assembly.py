@@ -16,7 +16,6 @@ from ttempc.vehicle import Vehicle
 
 from ...testbed.actuation.actuators import Actuators
 from ...testbed.discretisation import whole_steps
-from ...testbed.faults.faulty import Sensors
 from ...testbed.ground.grid import Grid
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
@@ -25,6 +24,7 @@ from ...testbed.randomness import generator
 from ...testbed.recording.record import Sink
 from ...testbed.sensing.sensors import SensorSuite
 from ...testbed.sensing.truth_estimator import TruthEstimator
+from ...testbed.simulation.deadline import Deadline
 from ...testbed.simulation.loop import STAGES, with_stages
 from ...testbed.simulation.plant import Plant, Snapshot
 from ...testbed.simulation.setup import SimulationSetup, Stage
@@ -50,7 +50,7 @@ class Assembly:
     """A run, ready to go but for the sink that listens to it."""
 
     plant: Plant
-    sensors: Sensors
+    sensors: SensorSuite
     guidance: Guidance
     terrain: Terrain
     reference: Reference  # of the plant's lengths: by it a run is judged
@@ -81,7 +81,7 @@ class Assembly:
             plant=self.plant,
             sensors=self.sensors,
             guidance=self.guidance,
-            vehicle=self.guidance.vehicle,
+            bounds=np.array([self.vehicle.input_min, self.vehicle.input_max]),
             sink=sink,
             reference=rows,
             control_steps=whole_steps(period_s, timestep, "control period"),
@@ -90,9 +90,9 @@ class Assembly:
             termination=self.termination or TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
             realtime=self.control.realtime,
-            step_limit_s=self.control.step_limit_s,
+            deadline=Deadline(self.control.step_limit_s),
             place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
-            corridor_row=CorridorJudge(corridor, rows, distance).row if corridor else None,
+            corridor_rows=CorridorJudge(corridor, rows, distance).rows if corridor else None,
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -161,15 +161,17 @@ def assemble(
         implement=scenario.implement,
     )
     plan.timetable.damage(plant)
-    suite = SensorSuite(scenario.sensors, settings.timestep_s, seed, plant.lever_arms)
-    sensors = plan.timetable.sensors(suite, settings.timestep_s, seed)
+    sensors = SensorSuite(scenario.sensors, settings.timestep_s, seed, plant.lever_arms)
+    plan.timetable.disturb(sensors, seed)
     user_stages = [
         (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
         for number, stage in enumerate(scenario.stages)
     ]
     guidance = _guidance(scenario, plan, plant, factory, parts, guide)
     x, y, yaw, *_, speed = plan.reference.at(0.0).state.tolist()
-    plant.reset(x, y, yaw, speed)  # refused here, before anything is written
+    begin = scenario.start
+    # refused here, before anything is written
+    plant.reset(*begin.pose(x, y, yaw), speed if begin.rolling else 0.0)
     vehicle = plan.reference.vehicle
     return Assembly(
         plant=plant,

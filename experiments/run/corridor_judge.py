@@ -9,7 +9,7 @@ from ttempc.reference.path import Projection
 from ttempc.types import FloatArray
 
 from ...testbed.recording.channels import REFERENCE
-from ...testbed.truth import Truth
+from ...testbed.truth import TOOL_LOWERED, Moments
 
 _NAN = math.nan
 
@@ -32,17 +32,20 @@ class CorridorJudge:
         self._trailer = _Line(trailer)
         self._tool = _Line(trailer - behind * np.column_stack([np.cos(yaw), np.sin(yaw)]))
 
-    def row(self, truth: Truth) -> list[float]:
-        """Return the row at one moment; call it in the order of time."""
-        place, tractor = self._tractor.offset(truth.tractor.x, truth.tractor.y)
-        _, trailer = self._trailer.offset(truth.trailer.x, truth.trailer.y)
-        tool = _NAN
-        if truth.tool is not None:
-            _, tool = self._tool.offset(truth.tool.x, truth.tool.y)
-            tool = tool if truth.tool.lowered == 1.0 else _NAN
-        half_width = float(self._half_width[round(place)])
-        half_width = half_width if math.isfinite(half_width) else _NAN
-        return [half_width, tractor, trailer, tool, self._hitch_limit]
+    def rows(self, moments: Moments) -> FloatArray:
+        """Return the rows at some moments, (n, fields); call it in the order of time."""
+        rows = []
+        for number, tool in enumerate(moments.tools.tolist()):
+            now, offset = moments.motion(number), _NAN
+            place, tractor = self._tractor.offset(now.x_t, now.y_t)
+            _, trailer = self._trailer.offset(now.x_i, now.y_i)
+            if tool:
+                _, offset = self._tool.offset(*tool[:2])
+                offset = offset if tool[TOOL_LOWERED] == 1.0 else _NAN
+            half_width = float(self._half_width[round(place)])
+            half_width = half_width if math.isfinite(half_width) else _NAN
+            rows.append((half_width, tractor, trailer, offset, self._hitch_limit))
+        return np.array(rows)
 
 
 class _Line:

@@ -13,7 +13,7 @@ from ttempc.reference.reference import Reference
 
 from ...testbed.errors import InvalidFault
 from ...testbed.faults.fault import Fault, FaultContext, LastingFault, Window
-from ...testbed.faults.faulty import FaultyActuators, FaultySensors, Sensors
+from ...testbed.faults.faulty import FaultyActuators, SampleFaults
 from ...testbed.faults.kinds import Effect, refusal
 from ...testbed.ground.soil import Patch, SoilMap
 from ...testbed.ground.terrain import Terrain
@@ -108,10 +108,11 @@ class Timetable:
             soil = replace(soil, layers=(*soil.layers, *patches))
         return terrain, soil
 
-    def sensors(self, sensors: SensorSuite, timestep: float, seed: int) -> Sensors:
-        """Return the sensors with their faults."""
-        faults = self._on("samples")
-        return FaultySensors(sensors, faults, timestep, seed) if faults else sensors
+    def disturb(self, sensors: SensorSuite, seed: int) -> None:
+        """Give the faults of its samples to a suite of sensors."""
+        if faults := self._on("samples"):
+            specification, timestep = sensors.specification, sensors.timestep
+            sensors.changes = (SampleFaults(faults, specification, timestep, seed),)
 
     def damage(self, plant: Plant) -> None:
         """Give the faults of its command path to a plant that was not reset yet."""

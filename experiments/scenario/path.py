@@ -1,4 +1,4 @@
-"""`[path]` and `[corridor]`: reference path, speed and gear, and the space about the path."""
+"""`[path]`, `[start]` and `[corridor]`: path, speed, gear, first place, space about the path."""
 
 from __future__ import annotations
 
@@ -225,6 +225,23 @@ def _check_on_field(points: FloatArray, field_m: tuple[float, float]) -> None:
 
 AnyPath = Annotated[FigureEight | Straight | Headland | FilePath, Field(discriminator="kind")]
 """A table with a key `kind`; without it, a figure eight."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class StartSettings:
+    """Where the vehicle stands at the start, beside the beginning of its path."""
+
+    offset_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    """Offset of the tractor point to the left of the path."""
+    heading_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
+    """Heading of the vehicle to that of the path, counter-clockwise."""
+    rolling: bool = True
+    """Whether it rolls at the speed of the path; otherwise it stands."""
+
+    def pose(self, x: float, y: float, yaw: float) -> tuple[float, float, float]:
+        """Return place [m] and heading [rad] for a path that begins at `x`, `y` with `yaw`."""
+        aside, turned = self.offset_m, yaw + math.radians(self.heading_deg)
+        return x - aside * math.sin(yaw), y + aside * math.cos(yaw), turned
 
 
 @dataclass(frozen=True, config=STRICT)

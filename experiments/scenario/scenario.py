@@ -25,7 +25,7 @@ from ...testbed.wheels.soil_law import RADIAL, SoilLaw
 from ..errors import InvalidScenario
 from .controller import ControllerSettings, NoiseSettings, StageSettings
 from .ground import SoilSettings, TerrainSettings
-from .path import AnyPath, CorridorSettings, FigureEight, FilePath, Mission
+from .path import AnyPath, CorridorSettings, FigureEight, FilePath, Mission, StartSettings
 from .plant import ControlSettings, PlantSettings
 from .vehicle import Vehicles, fill_in, read_vehicles
 
@@ -49,6 +49,8 @@ class Scenario:
     """One sentence for lists of scenarios."""
     path: AnyPath = FigureEight()
     """Reference path and speed."""
+    start: StartSettings = StartSettings()
+    """Place of the vehicle beside the beginning of its path."""
     corridor: CorridorSettings | None = None
     """Corridor about the path; absent: free ground."""
     terrain: TerrainSettings = TerrainSettings()

@@ -91,8 +91,8 @@ def plant_check(name: str) -> tuple[float, ...]:
     assembly = assemble(read_scenario(str(trial_files()[name])).scenario(changes), _SEED)
     period_s = assembly.guidance.period_s
     recorder = Recorder()
-    setup, tick = assembly.setup(recorder), TickContext()
-    tick.truths = [(0, setup.plant.truth())]
+    setup = assembly.setup(recorder)
+    tick = TickContext(setup)
     grid = assembly.reference.on_grid(period_s)
     stages = [stage for stage in assembly.stages if stage not in _NOT_DRIVEN]
     duration_s = _REVERSE_S if assembly.vehicle.reverse else _FORWARD_S

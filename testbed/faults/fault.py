@@ -5,8 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass as stdlib_dataclass
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
+
+from ttempc.types import FloatArray
 
 from ..configuration.config_io import STRICT, NotNegative, Positive
 from ..sensing.sensor_specification import SensorSpecification
@@ -25,6 +29,10 @@ class Window:
     def holds(self, time_s: float) -> bool:
         """Return whether a time [s] lies in the window."""
         return self.start_s - SAME_TIME_S <= time_s < self.end_s - SAME_TIME_S
+
+    def hold(self, times_s: FloatArray) -> NDArray[np.bool_]:
+        """Return which times (n,) [s] lie in the window, (n,)."""
+        return (self.start_s - SAME_TIME_S <= times_s) & (times_s < self.end_s - SAME_TIME_S)
 
     def share(self, since_s: float, until_s: float) -> float:
         """Return which share of the time between two moments [s] lies in the window, 0..1."""
@@ -61,7 +69,7 @@ class Row(NamedTuple):
 
     What a fault acts on, and the arguments of `effect` after the fault:
 
-        samples   `Sampling` -> filter of the samples of one sensor
+        samples   `Sampling` -> `SampleFilter` of the samples of one sensor
         bus       state of the bus, command, time [s] -> state of the bus
         valve     set point of the step before (at first the present angle [rad], or position),
                   set point without the fault, physics step [s], stop [rad] -> set point

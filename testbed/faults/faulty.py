@@ -1,78 +1,78 @@
 """Sensors and actuators with faults."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from ttempc.types import Command, Measurement, Sensor
+import numpy as np
+
+from ttempc.layout import SAMPLE
+from ttempc.types import Command, FloatArray
 
 from ..actuation.actuators import CommandPath
 from ..randomness import generator
-from ..sensing.sensors import SensorSuite
-from ..truth import Truth
+from ..sensing.sensor_specification import SensorSpecification
+from ..sensing.sensors import NUMBER
 from .fault import Fault, Window
-from .kinds import BusState, SampleFilter, Sampling, sensors_of, valve
+from .kinds import BusState, Sampling, sensors_of, valve
+
+_TAKEN: Final = SAMPLE + 1  # column of the sampling time in the rows of a `Change`
 
 
-class FaultySensors:
-    """Passes on the samples of other sensors, changed by the faults in their order.
+class SampleFaults:
+    """Changes samples by faults in their order, see `SensorSuite.changes`.
 
     A fault changes the samples that are taken while it lasts, whenever they arrive.
 
     Args:
-        sensors: without faults.
         faults: with their numbers in the scenario and their windows.
+        specification: of the sensors.
         timestep: physics step [s].
         seed: of the run.
     """
 
     def __init__(
         self,
-        sensors: SensorSuite,
         faults: Sequence[tuple[int, Fault, Window]],
+        specification: SensorSpecification,
         timestep: float,
         seed: int,
     ) -> None:
-        self._sensors, self._timestep = sensors, timestep
-        self._in_transit: list[tuple[int, Measurement]] = []  # physics step of delivery, sample
-        self._chain: list[tuple[Window, dict[Sensor, SampleFilter]]] = []
-        for number, fault, window in faults:
-            filters = {
-                sensor: fault.row.effect(fault, Sampling(window, sensors.specification, rng))
-                for sensor in sensors_of(fault)
-                for rng in (generator(seed, f"fault {number} {fault.kind} {sensor}"),)
-            }
-            self._chain.append((window, filters))
+        self._chain = [
+            (
+                window,
+                {
+                    NUMBER[sensor]: fault.row.effect(
+                        fault,
+                        Sampling(
+                            window,
+                            specification,
+                            timestep,
+                            generator(seed, f"fault {number} {fault.kind} {sensor}"),
+                        ),
+                    )
+                    for sensor in sensors_of(fault)
+                },
+            )
+            for number, fault, window in faults
+        ]
 
-    @property
-    def every(self) -> int:
-        """Physics steps between two moments at which any sensor samples or delivers."""
-        return self._sensors.every
-
-    def sample(self, truth: Truth, step: int) -> list[Measurement]:
-        """Return the samples that arrive at physics step `step`."""
-        for sample in self._sensors.sample(truth, step):
-            for delay_s, changed in self._changed(sample):
-                self._in_transit.append((step + round(delay_s / self._timestep), changed))
-        arrived = [sample for due, sample in self._in_transit if due <= step]
-        self._in_transit = [item for item in self._in_transit if item[0] > step]
-        return arrived
-
-    def _changed(self, sample: Measurement) -> list[tuple[float, Measurement]]:
-        """Return what arrives in the place of a sample, each with its further delay [s]."""
-        items = [(0.0, sample)]
+    def __call__(self, samples: FloatArray) -> FloatArray:
+        """Return what arrives in the place of samples."""
         for window, filters in self._chain:
-            if not window.holds(sample.time_s):
+            acts = window.hold(samples[:, _TAKEN])
+            if not acts.any():
                 continue
-            after = []
-            for delay_s, item in items:
-                change = filters.get(item.sensor)
-                changed = change(item) if change else [(0.0, item)]
-                after += [(delay_s + further_s, one) for further_s, one in changed]
-            items = after
-        return items
-
-
-Sensors = SensorSuite | FaultySensors
+            sensors, places = np.where(acts, samples[:, 1], -1.0), np.arange(len(samples))
+            parts, order = [], []
+            for number in np.unique(sensors):
+                mine = sensors == number
+                change = filters.get(int(number))
+                arrived = change(samples[mine]) if change else samples[mine]
+                each = len(arrived) // np.count_nonzero(mine)  # samples in the place of one
+                parts.append(arrived)
+                order.append(np.repeat(places[mine], each))
+            samples = np.concatenate(parts)[np.argsort(np.concatenate(order), kind="stable")]
+        return samples
 
 
 class FaultyState(NamedTuple):

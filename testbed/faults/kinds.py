@@ -8,15 +8,14 @@ from it.
 # pyright: reportAttributeAccessIssue=false
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Union
 
 import mujoco
 import numpy as np
 from pydantic import Field
 
-from ttempc.types import Command, FloatArray, Measurement, Sensor
+from ttempc.types import Command, FloatArray, Sensor
 
 from ..actuation.actuators import past_play
 from ..configuration.config_io import (
@@ -67,9 +66,13 @@ _BODIES = Literal["tractor", "trailer"]
 
 # --- samples: between those that a sensor takes and those that the estimator gets -----------------
 
-SampleFilter = Callable[[Measurement], Sequence[tuple[float, Measurement]]]
-"""Turns a sample into the samples that arrive in its place, each with its further delay [s]."""
+SampleFilter = Callable[[FloatArray], FloatArray]
+"""Turns samples of one sensor in a window into those that arrive in their place, as many for each.
 
+Rows have time, `SensorIndex`, three components, due physics step; the array is the filter's own.
+"""
+
+_TIME, _INDEX, _VALUE, _DUE = 0, 1, slice(2, 5), 5  # columns
 _GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 _ANGLES: Final = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH)
 _SETS: Final = {
@@ -115,57 +118,63 @@ class Sampling(NamedTuple):
 
     window: Window
     specification: SensorSpecification
+    timestep: float  # physics step [s]
     rng: np.random.Generator  # of this fault and sensor alone
 
 
-def _nothing(sample: Measurement) -> Sequence[tuple[float, Measurement]]:
-    return ()
+def _column(column: int, change: Callable[[FloatArray], FloatArray | float]) -> SampleFilter:
+    """Return the filter that replaces a column by a function of it."""
+
+    def changed(samples: FloatArray) -> FloatArray:
+        samples[:, column] = change(samples[:, column])
+        return samples
+
+    return changed
 
 
-def _changed(change: Callable[[Measurement], Measurement]) -> SampleFilter:
-    return lambda sample: [(0.0, change(sample))]
+def _added(offset: Callable[[FloatArray], FloatArray]) -> SampleFilter:
+    """Return the filter that adds to the first components a function of the times (n,) [s]."""
 
+    def changed(samples: FloatArray) -> FloatArray:
+        error = offset(samples[:, _TIME])
+        samples[:, 2 : 2 + error.shape[1]] += error
+        return samples
 
-def _added(offset: Callable[[float], tuple[float, ...]]) -> SampleFilter:
-    """Return the filter that adds a function of the sampling time [s] to the first components."""
-
-    def change(sample: Measurement) -> Measurement:
-        error = offset(sample.time_s)
-        first = tuple(value + part for value, part in zip(sample.value, error, strict=False))
-        return replace(sample, value=(*first, *sample.value[len(error) :]))
-
-    return _changed(change)
+    return changed
 
 
 def _frozen(fault: Made, run: Sampling) -> SampleFilter:
     """Return the filter that repeats the value of its first sample."""
-    first: list[tuple[float, ...]] = []
+    first: list[FloatArray] = []
 
-    def change(sample: Measurement) -> Measurement:
-        if not first:
-            first.append(sample.value)
-        return replace(sample, value=first[0])
+    def changed(samples: FloatArray) -> FloatArray:
+        first[:] = first or [samples[0, _VALUE].copy()]
+        samples[:, _VALUE] = first[0]
+        return samples
 
-    return _changed(change)
-
-
-def _stamped(stamp: Callable[[float], float]) -> SampleFilter:
-    return _changed(lambda sample: replace(sample, time_s=stamp(sample.time_s)))
+    return changed
 
 
-def _vector(length: float, direction_deg: float) -> tuple[float, float]:
-    direction = math.radians(direction_deg)
-    return length * math.cos(direction), length * math.sin(direction)
+def _vectors(length: FloatArray, direction_deg: FloatArray | float) -> FloatArray:
+    """Return vectors of some lengths (n,), (n, 2)."""
+    direction = np.radians(direction_deg)
+    return np.column_stack([length * np.cos(direction), length * np.sin(direction)])
 
 
-def _swapped(sample: Measurement) -> Measurement:
-    return replace(sample, sensor=_GNSS[sample.sensor == _GNSS[0]])
+def _jump(fault: Made, run: Sampling) -> SampleFilter:
+    return _added(lambda t: _vectors(np.full(len(t), fault.offset_m), fault.direction_deg))
+
+
+def _drift(fault: Made, run: Sampling) -> SampleFilter:
+    begin = run.window.start_s
+    return _added(lambda t: _vectors(fault.rate_mps * (t - begin), fault.direction_deg))
 
 
 def _outlier(fault: Made, run: Sampling) -> SampleFilter:
-    def offset(time_s: float) -> tuple[float, float]:
-        hit, direction = run.rng.random() < fault.share, run.rng.uniform(0.0, 360.0)
-        return _vector(fault.offset_m * hit, direction)
+    def offset(times_s: FloatArray) -> FloatArray:
+        drawn = [(run.rng.random() < fault.share, run.rng.uniform(0.0, 360.0)) for _ in times_s]
+        hit, direction = np.array(drawn, dtype=float).T
+        return _vectors(fault.offset_m * hit, direction)
 
     return _added(offset)
 
@@ -174,7 +183,21 @@ def _float(fault: Made, run: Sampling) -> SampleFilter:
     rng, period_s = run.rng, 1.0 / run.specification.gnss_rate_hz
     sd = np.full(2, fault.sd_m)
     error = Correlated(sd, 0.0, fault.correlation_time_s, period_s, rng, rng)
-    return _added(lambda time_s: tuple(error.draw()))
+    return _added(lambda times_s: error.errors(len(times_s)))
+
+
+def _angle_drift(fault: Made, run: Sampling) -> SampleFilter:
+    rate, begin = math.radians(fault.rate_degps), run.window.start_s
+    return _added(lambda t: rate * (t - begin)[:, None])
+
+
+def _noise(fault: Made, run: Sampling) -> SampleFilter:
+    sd = math.radians(fault.sd_deg)
+    return _added(lambda t: sd * run.rng.standard_normal((len(t), 1)))
+
+
+def _constant(offset: float) -> SampleFilter:
+    return _column(2, lambda value: value + offset)
 
 
 def _no_imu(fault: Made, context: FaultContext) -> str:
@@ -359,16 +382,15 @@ def _step(fault: Made, pose: PathPose) -> Step:
 
 # fmt: off
 _TABLE: Final = (
-    Row("gnss_out", "samples", "No samples arrive.", (_RECEIVER,), lambda f, run: _nothing),
+    Row("gnss_out", "samples", "No samples arrive.", (_RECEIVER,),
+        lambda f, run: lambda samples: samples[:0]),
     Row("gnss_frozen", "samples", "The first position is repeated under new stamps.",
         (_RECEIVER,), _frozen),
     Row("gnss_jump", "samples", "All positions are off by a constant vector.",
-        (_RECEIVER, _OFFSET, _DIRECTION),
-        lambda f, run: _added(lambda time_s: _vector(f.offset_m, f.direction_deg))),
+        (_RECEIVER, _OFFSET, _DIRECTION), _jump),
     Row("gnss_drift", "samples", "An offset of the positions grows at a constant rate.",
         (_RECEIVER, Key("rate_mps", Positive, "Rate at which the offset grows."), _DIRECTION),
-        lambda f, run: _added(lambda time_s: _vector(f.rate_mps * (time_s - run.window.start_s),
-                                                     f.direction_deg))),
+        _drift),
     Row("gnss_outlier", "samples",
         "Single positions are off by a vector of constant length and random direction.",
         (_RECEIVER, _OFFSET, _SHARE), _outlier),
@@ -378,42 +400,38 @@ _TABLE: Final = (
     Row("gnss_late", "samples",
         "Samples arrive later than the scenario's latency has it; their stamps are right.",
         (_RECEIVER, Key("delay_s", Positive, "Further time from sampling to delivery.")),
-        lambda f, run: lambda sample: [(f.delay_s, sample)]),
+        lambda f, run: _column(_DUE, lambda due: due + round(f.delay_s / run.timestep))),
     Row("antennas_swapped", "samples",
         "Each receiver's samples come under the name of the other one.",
-        (), lambda f, run: _changed(_swapped)),
+        (), lambda f, run: _column(_INDEX, lambda index: 1.0 - index)),
     Row("angle_stuck", "samples", "An angle sensor repeats its first reading.",
         (_SENSOR,), _frozen),
     Row("angle_bias", "samples", "An angle sensor reads too much by a constant.",
         (_SENSOR, Key("bias_deg", BearingDeg, "What is added to a reading.")),
-        lambda f, run: _added(lambda time_s: (math.radians(f.bias_deg),))),
+        lambda f, run: _constant(math.radians(f.bias_deg))),
     Row("angle_drift", "samples", "The error of an angle sensor grows at a constant rate.",
-        (_SENSOR, Key("rate_degps", Signed, "Rate at which the error grows.")),
-        lambda f, run: _added(
-            lambda time_s: (math.radians(f.rate_degps) * (time_s - run.window.start_s),))),
+        (_SENSOR, Key("rate_degps", Signed, "Rate at which the error grows.")), _angle_drift),
     Row("angle_noise", "samples", "White noise is added to an angle sensor.",
-        (_SENSOR, Key("sd_deg", Positive, "Standard deviation of the added error.")),
-        lambda f, run: _added(
-            lambda time_s: (math.radians(f.sd_deg) * float(run.rng.standard_normal()),))),
+        (_SENSOR, Key("sd_deg", Positive, "Standard deviation of the added error.")), _noise),
     Row("gyro_bias", "samples", "The yaw rate of an IMU is too large by a constant.",
         (Key("body", _BODIES, "Body on which the IMU is."),
          Key("bias_degps", Signed, "What is added to a yaw rate.")),
-        lambda f, run: _added(lambda time_s: (math.radians(f.bias_degps),)), _no_imu),
+        lambda f, run: _constant(math.radians(f.bias_degps)), _no_imu),
     Row("encoder_dead", "samples", "The speed encoder reads 0.",
-        (), lambda f, run: _changed(lambda sample: replace(sample, value=(0.0,)))),
+        (), lambda f, run: _column(2, lambda value: 0.0)),
     Row("encoder_scaled", "samples",
         "The speed encoder reads a multiple of the speed: 2 doubled, -1 reversed.",
         (Key("factor", Signed, "Factor on a reading."),),
-        lambda f, run: _changed(
-            lambda sample: replace(sample, value=(f.factor * sample.value[0],)))),
+        lambda f, run: _column(2, lambda value: f.factor * value)),
     Row("samples_duplicated", "samples", "Each sample arrives twice.",
-        (_GROUP,), lambda f, run: lambda sample: [(0.0, sample), (0.0, sample)]),
+        (_GROUP,), lambda f, run: lambda samples: np.repeat(samples, 2, axis=0)),
     Row("stamps_backward", "samples", "Time stamps run backward from the start of the fault.",
-        (_GROUP,), lambda f, run: _stamped(lambda time_s: 2.0 * run.window.start_s - time_s)),
+        (_GROUP,),
+        lambda f, run: _column(_TIME, lambda time_s: 2.0 * run.window.start_s - time_s)),
     Row("stamps_shifted", "samples",
         "Time stamps are wrong by a constant: negative ones are too old.",
         (_GROUP, Key("offset_s", Signed, "What is added to a stamp.")),
-        lambda f, run: _stamped(lambda time_s: time_s + f.offset_s)),
+        lambda f, run: _column(_TIME, lambda time_s: time_s + f.offset_s)),
 
     Row("commands_lost", "bus", "Commands do not arrive; the last one before holds.",
         (), lambda f, bus, command, now_s: bus),

@@ -30,8 +30,8 @@ from ..recording.channels import (
     error_rows,
     unit_of,
 )
-from ..recording.record import Event, Sink, check_row
-from ..truth import Truth
+from ..recording.record import Event, Sink, wrong_shape
+from ..truth import Moments
 from .encoding import (
     Encoded,
     TimesNs,
@@ -130,9 +130,9 @@ class Batch:
 class Publisher(Sink, ABC):
     """Base class of a sink that encodes messages; a subclass sends them.
 
-    Data are collected, and encoded together when the subclass calls `_messages`: in a batch a
-    message costs a tenth of a single one. A subclass must be ready to `_send` before it calls this
-    constructor.
+    Data are collected, and encoded together when the subclass calls `_publish`, which another
+    thread may do: in a batch a message costs a hundredth of a single one. A subclass must be ready
+    to `_send` before it calls this constructor.
     """
 
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
@@ -154,34 +154,31 @@ class Publisher(Sink, ABC):
 
     @abstractmethod
     def _collected(self, time_s: float) -> None:
-        """React to new data of a time [s]: `_publish` where it is due."""
+        """React to new data of a time [s]: `_take` and `_publish` where it is due."""
 
-    def rows(self, channel: Channel, times_s: FloatArray, values: FloatArray) -> None:
+    def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Publish rows, and with a reference the errors of the states of its times."""
-        if not len(times_s):
+        if values.shape != (len(times), len(channel.fields)):
+            raise wrong_shape(channel, times, values)
+        if not len(times):
             return
-        self._batch.rows[channel.topic].append((times_s.copy(), values.copy()))
+        self._batch.rows[channel.topic].append((times.copy(), values.copy()))
         if channel is STATE:
             self._state = self._batch.rows[channel.topic][-1]
-        elif channel is REFERENCE and self._state and np.array_equal(times_s, self._state[0]):
+        elif channel is REFERENCE and self._state and np.array_equal(times, self._state[0]):
             self._batch.pairs.append((*self._state, values.copy()))
-        self._collected(times_s[-1])
-
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Publish one row."""
-        check_row(channel, values)
-        self.rows(channel, np.array([time_s]), np.array([values], float))
+        self._collected(times[-1])
 
     def event(self, event: Event) -> None:
         """Publish one event as a log line."""
         self._batch.events.append((event.time_s, encode_event(event)))
         self._collected(event.time_s)
 
-    def scene(self, truth: Truth) -> None:
-        """Publish the transform of every body."""
-        pose = np.hstack([truth.body_xyz, truth.body_quat])
-        self._batch.scenes.append((np.array([truth.time_s]), pose[None]))
-        self._collected(truth.time_s)
+    def scenes(self, moments: Moments) -> None:
+        """Publish the transforms of every body."""
+        times = moments.rows[:, 0]
+        self._batch.scenes.append((times.copy(), moments.poses.copy()))
+        self._collected(times[-1])
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Publish a line of points (n, 2) [m], map frame, laid on the ground."""
@@ -214,12 +211,15 @@ class Publisher(Sink, ABC):
             times_ns = _nanoseconds(times)
             bodies = single(poses.reshape(len(times), -1))
             self._send(topics.TRANSFORMS_TOPIC, times_ns, self._transforms.fill(bodies, times_ns))
-        paths = sorted(batch.paths, key=lambda path: path[0])
-        for (topic, count), group in groupby(paths, lambda path: (path[0], len(path[2]))):
-            _, times, lines = zip(*group, strict=True)
-            times_ns = _nanoseconds(np.array(times))
-            drawn = self._scenery.on_ground(np.concatenate(lines)).reshape(-1, count, 3)
-            self._send(topic, times_ns, encode_paths(times_ns, drawn))
+        if batch.paths:
+            paths = sorted(batch.paths, key=lambda path: path[0])
+            drawn, begin = self._scenery.on_ground(np.concatenate([each for *_, each in paths])), 0
+            for (topic, count), group in groupby(paths, lambda path: (path[0], len(path[2]))):
+                times_ns = _nanoseconds(np.array([time_s for _, time_s, _ in group]))
+                end = begin + count * len(times_ns)
+                lines = drawn[begin:end].reshape(-1, count, 3)
+                self._send(topic, times_ns, encode_paths(times_ns, lines))
+                begin = end
         for event in batch.events:
             self._send(topics.EVENT_TOPIC, *_single(*event))
 

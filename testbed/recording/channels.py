@@ -6,26 +6,18 @@ number that does not exist in a row is NaN. Further topics hold what viewers dra
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ttempc.types import (
-    ControlStep,
-    Diagnostics,
-    Estimate,
-    FloatArray,
-    Measurement,
-    Sensor,
-    TubeReport,
-)
-from ttempc.vehicle import Vehicle
+from ttempc.jit import cached_njit
+from ttempc.layout import Innovations
+from ttempc.types import ControlStep, Diagnostics, Estimate, FloatArray, Sensor, TubeReport
 
 from ..sensing.sensors import COMPONENTS
-from ..truth import WHEELS, Tool, Truth
+from ..truth import WHEELS
 
 NAN: Final = float("nan")
 
@@ -54,30 +46,11 @@ class Channel:
 
 _INPUTS: Final = ("delta_t_rad", "delta_i_rad", "hp")
 _POSES: Final = ("x_t_m", "y_t_m", "psi_t_rad", "x_i_m", "y_i_m", "psi_i_rad")
-_STATE: Final = {  # field: place in `Truth`
-    "x_t_m": "tractor.x",
-    "y_t_m": "tractor.y",
-    "psi_t_rad": "tractor.yaw",
-    "x_i_m": "trailer.x",
-    "y_i_m": "trailer.y",
-    "psi_i_rad": "trailer.yaw",
-    "z_t_m": "tractor.z",
-    "pitch_t_rad": "tractor.pitch",
-    "roll_t_rad": "tractor.roll",
-    "z_i_m": "trailer.z",
-    "pitch_i_rad": "trailer.pitch",
-    "roll_i_rad": "trailer.roll",
-    "psi_d_rad": "psi_d",
-    "beta_rad": "beta",
-    "delta_t_rad": "delta_t",
-    "delta_i_rad": "delta_i",
-    "hp": "hp",
-    "v_mps": "speed",
-    "v_lateral_mps": "lateral_speed",
-    "yaw_rate_t_radps": "yaw_rate_t",
-    "yaw_rate_i_radps": "yaw_rate_i",
-    "v_rim_mps": "rim_speed",
-}
+_BEYOND: Final = (  # the poses
+    *("z_t_m", "pitch_t_rad", "roll_t_rad", "z_i_m", "pitch_i_rad", "roll_i_rad", "psi_d_rad"),
+    *("beta_rad", "delta_t_rad", "delta_i_rad", "hp", "v_mps", "v_lateral_mps"),
+    *("yaw_rate_t_radps", "yaw_rate_i_radps", "v_rim_mps"),
+)
 _SAMPLES: Final = {sensor: (*parts, "time_s") for sensor, parts in COMPONENTS.items()}
 
 
@@ -85,7 +58,7 @@ STATE: Final = Channel(
     "/state",
     "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds, and the "
     "set points of the servos behind dead time, dead band and play",
-    (*_STATE, *(f"{name}_set_point" for name in _INPUTS)),
+    (*_POSES, *_BEYOND, *(f"{name}_set_point" for name in _INPUTS)),  # as `Motion`
 )
 REFERENCE: Final = Channel(
     "/reference",
@@ -224,129 +197,130 @@ def unit_of(field: str) -> str:
     return next((_UNITS[word] for word in reversed(words) if word in _UNITS), "1")
 
 
-def state_row(truth: Truth) -> list[float]:
-    """Return the row of `STATE`."""
-    return [*_of_state(truth), *truth.set_points.tolist()]
+def tool_rows(tools: FloatArray, references: FloatArray) -> FloatArray:
+    """Return the rows of `TOOL`, (n, fields).
 
-
-_of_state: Final = attrgetter(*_STATE.values())
-
-
-def tyres_row(truth: Truth) -> list[float]:
-    """Return the row of `TYRES`."""
-    return np.transpose(truth.wheels).ravel().tolist()
-
-
-def tool_row(tool: Tool, reference: Sequence[float]) -> list[float]:
-    """Return the row of `TOOL`.
-
-    Its reference lies as far behind the trailer's as the tool point behind the trailer point.
+    The reference of a tool point lies as far behind the trailer's as the point behind the trailer
+    point.
 
     Args:
-        tool: of the truth.
-        reference: row of `REFERENCE` at this time.
+        tools: as in `Moments`.
+        references: rows of `REFERENCE` at the same moments.
     """
-    x, y, yaw = reference[3:6]  # of `_POSES`
-    right, left = tool.depth[0], tool.depth[-1]
-    return [
-        tool.x,
-        tool.y,
-        x - tool.behind * math.cos(yaw),
-        y - tool.behind * math.sin(yaw),
-        float(tool.depth.mean()),
-        float(left),
-        float(right),
-        float(tool.draft.sum()),
-        float(tool.side.sum()),
-        tool.lowered,
-        tool.distance,
-    ]
+    x, y, _, behind, lowered, distance = tools[:, :6].T
+    x_i, y_i, yaw = references[:, 3:6].T  # of `_POSES`
+    depth, draft, side = np.split(tools[:, 6:], 3, axis=1)
+    columns = (x, y, x_i - behind * np.cos(yaw), y_i - behind * np.sin(yaw), depth.mean(axis=1))
+    forces = draft.sum(axis=1), side.sum(axis=1)
+    return np.column_stack([*columns, depth[:, -1], depth[:, 0], *forces, lowered, distance])
 
 
-def measurement_rows(samples: Sequence[Measurement]) -> list[list[float]]:
-    """Return the rows of `MEASUREMENT` for samples that are delivered at one moment.
+def measurement_rows(
+    samples: FloatArray, at: FloatArray, times: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return times and rows of `MEASUREMENT` of samples, (n,) and (n, fields).
 
-    A row holds one sample of a sensor: there are more rows than one where a sensor delivers several
-    samples.
+    A row holds one sample of a sensor: there are more rows than one of a moment at which a sensor
+    delivers several samples.
+
+    Args:
+        samples: rows of `ttempc.layout.SAMPLE` entries in the order of delivery.
+        at: numbers of the moments at which they are delivered, ascending.
+        times: of the moments [s].
     """
-    rows: list[list[float]] = []
-    filled: dict[Sensor, int] = {}  # rows with a sample of each sensor
-    for sample in samples:
-        number = filled.get(sample.sensor, 0)
-        filled[sample.sensor] = number + 1
-        if number == len(rows):
-            rows.append([NAN] * len(MEASUREMENT.fields))
-        rows[number][MEASUREMENT_COLUMNS[sample.sensor]] = (*sample.value, sample.time_s)
-    return rows
+    rows, row_times = np.empty((len(samples), len(MEASUREMENT.fields))), np.empty(len(samples))
+    rows.fill(NAN)
+    used = _spread(samples, at, times, _COLUMNS, row_times, rows)
+    return row_times[:used], rows[:used]
 
 
-def estimate_row(estimate: Estimate) -> list[float]:
+_COLUMNS: Final = np.array([(each.start, each.stop - 1) for each in MEASUREMENT_COLUMNS.values()])
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _spread(
+    samples: FloatArray,
+    at: FloatArray,
+    times: FloatArray,
+    columns: NDArray[np.int64],
+    row_times: FloatArray,
+    rows: FloatArray,
+) -> int:
+    """Fill rows that are NaN and their times; return how many are used."""
+    first, used = 0, 0  # row of the moment, rows so far
+    for n in range(len(samples)):
+        if n and at[n] != at[n - 1]:
+            first = used
+        begin, stamp = columns[int(samples[n, 1])]
+        row = first
+        while row < used and not math.isnan(rows[row, stamp]):
+            row += 1
+        if row == used:
+            row_times[row] = times[int(at[n])]
+            used += 1
+        for k in range(begin, stamp):
+            rows[row, k] = samples[n, 2 + k - begin]
+        rows[row, stamp] = samples[n, 0]
+    return used
+
+
+def estimate_row(estimate: Estimate) -> FloatArray:
     """Return the row of `ESTIMATE`."""
-    x, y, psi_t, psi_i, delta_t, delta_i, v = estimate.state.tolist()
-    # A sample that the filter could not weigh, such as one that is not finite, has no innovation.
-    weighed = [item for item in estimate.innovations if math.isfinite(item.normalised_squared)]
-    return [
-        x,
-        y,
-        psi_t,
-        *estimate.trailer_xy.tolist(),
-        psi_i,
-        delta_t,
-        delta_i,
-        v,
-        estimate.hitch_angle,
-        *np.sqrt(estimate.covariance.diagonal()).tolist(),
-        *estimate.disturbance.tolist(),
-        *estimate.map_disturbance.tolist(),
-        sum(item.normalised_squared for item in weighed),
-        sum(item.dimension for item in weighed),
-    ]
-
-
-def control_row(step: ControlStep, vehicle: Vehicle) -> list[float]:
-    """Return the row of `CONTROL`; `vehicle` gives the bounds."""
-    diagnostics = step.diagnostics
-    parts = (
-        diagnostics.feedforward,
-        diagnostics.feedback,
-        diagnostics.robust,
-        diagnostics.total,
-        step.command.as_array(),
-        vehicle.input_min,
-        vehicle.input_max,
-        diagnostics.limited,
+    state, of = estimate.state, estimate.innovations
+    if isinstance(of, Innovations):
+        squares = of.rows[:, 1:3]
+    else:
+        squares = np.array([item[1:3] for item in of], dtype=float).reshape(-1, 2)
+    # A sample that the filter could not weigh, such as one that is not finite, has none.
+    nis_and_dof = np.add.reduce(squares[squares[:, 0] < math.inf])
+    return np.concatenate(
+        [
+            state[:3],
+            estimate.trailer_xy,
+            state[3:],
+            (estimate.hitch_angle,),
+            np.sqrt(estimate.covariance.diagonal()),
+            estimate.disturbance,
+            estimate.map_disturbance,
+            nis_and_dof,
+        ]
     )
-    return np.array(parts, dtype=float).T.ravel().tolist()
 
 
-def tracking_row(diagnostics: Diagnostics) -> list[float]:
+def control_row(step: ControlStep, bounds: FloatArray) -> FloatArray:
+    """Return the row of `CONTROL`; `bounds` (2, 3) are the smallest and largest command."""
+    of, command = step.diagnostics, step.command
+    row = np.empty((len(_INPUTS), len(_ACTIONS)))
+    row[:, 0], row[:, 1], row[:, 2] = of.feedforward, of.feedback, of.robust
+    row[:, 3] = row[:, 0] + row[:, 1] + row[:, 2]
+    row[:, 4] = command.delta_t, command.delta_i, command.hp
+    row[:, 5:7], row[:, 7] = bounds.T, of.limited
+    return row.ravel()
+
+
+def tracking_row(diagnostics: Diagnostics) -> FloatArray:
     """Return the row of `TRACKING`."""
-    return [*_or_nan(diagnostics.tracking_error, 7), *_or_nan(diagnostics.modelling_error, 4)]
+    row = np.empty(len(TRACKING.fields))
+    row.fill(NAN)
+    if diagnostics.tracking_error is not None:
+        row[:7] = diagnostics.tracking_error
+    if diagnostics.modelling_error is not None:
+        row[7:] = diagnostics.modelling_error
+    return row
 
 
-def tube_row(report: TubeReport) -> list[float]:
+def tube_row(report: TubeReport) -> FloatArray:
     """Return the row of `TUBE`."""
-    widths = [*report.nominal.tolist(), *report.half_width.tolist()]
-    return [float(report.inside), report.margin, *widths]
+    head = float(report.inside), report.margin
+    return np.concatenate([head, report.nominal, report.half_width])
 
 
-def solver_row(diagnostics: Diagnostics) -> list[float]:
+def solver_row(diagnostics: Diagnostics) -> tuple[float, ...]:
     """Return the row of `SOLVER`."""
-    report = diagnostics.solver
-    fallback = float(bool(diagnostics.fallback))
-    if report is None:
-        return [NAN, NAN, NAN, NAN, fallback]
-    return [
-        float(report.accepted),
-        float(report.iterations),
-        report.primal_residual,
-        report.dual_residual,
-        fallback,
-    ]
-
-
-def _or_nan(values: FloatArray | None, size: int) -> list[float]:
-    return [NAN] * size if values is None else values.tolist()
+    of, fallback = diagnostics.solver, float(bool(diagnostics.fallback))
+    if of is None:
+        return NAN, NAN, NAN, NAN, fallback
+    return float(of.accepted), float(of.iterations), of.primal_residual, of.dual_residual, fallback
 
 
 def in_frame(error: FloatArray, heading: FloatArray) -> tuple[FloatArray, FloatArray]:

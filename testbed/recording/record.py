@@ -12,7 +12,7 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
-from ..truth import Truth
+from ..truth import Moments
 from .channels import CHANNELS, ERROR, REFERENCE, STATE, Channel, error_rows
 
 if TYPE_CHECKING:
@@ -133,37 +133,40 @@ def fault_spans(events: Sequence[Event]) -> tuple[FaultSpan, ...]:
     return tuple(spans)
 
 
-def check_row(channel: Channel, values: Sequence[float]) -> None:
-    """Raise where a row has not one number per field of its channel.
-
-    Raises:
-        ValueError: with both numbers.
-    """
-    if len(values) != len(channel.fields):
-        raise ValueError(
-            f"{channel.topic}: got {len(values)} values, has {len(channel.fields)} fields"
-        )
+def wrong_shape(channel: Channel, times: FloatArray, values: FloatArray) -> ValueError:
+    """Return the error of rows that have not one number per field and a time each."""
+    return ValueError(
+        f"{channel.topic}: got values of shape {values.shape} at {len(times)} times, "
+        f"has {len(channel.fields)} fields"
+    )
 
 
 class Sink:
     """Receiver of the data of a run, each channel in the order of its time; it ignores them.
 
     Rows and events are the record of the run. Scenes and paths serve viewers only: they repeat
-    numbers of the rows.
+    numbers of the rows. Arrays belong to the sender; a sink copies what it keeps.
     """
 
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Receive one row, one number per field of the channel.
+    def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
+        """Receive rows: times (n,) [s] and one number per field of the channel, (n, fields).
 
         Raises:
             ValueError: the number of values is not the channel's.
         """
 
+    def row(self, channel: Channel, time_s: float, values: Sequence[float] | FloatArray) -> None:
+        """Receive one row, as `rows`."""
+        self.rows(channel, np.array([time_s]), np.array([values], dtype=float))
+
     def event(self, event: Event) -> None:
         """Receive one event."""
 
-    def scene(self, truth: Truth) -> None:
-        """Receive the poses of every body and of both axle points at one moment."""
+    def scenes(self, moments: Moments) -> None:
+        """Receive the poses of every body and of both axle points at some moments.
+
+        They come before the rows of the same moments.
+        """
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Receive a line of points (n, 2) [m], map frame, to be drawn under a topic.
@@ -178,20 +181,20 @@ class Tee(Sink):
     def __init__(self, *sinks: Sink) -> None:
         self._sinks = sinks
 
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Pass on one row."""
+    def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
+        """Pass on rows."""
         for sink in self._sinks:
-            sink.row(channel, time_s, values)
+            sink.rows(channel, times, values)
 
     def event(self, event: Event) -> None:
         """Pass on one event."""
         for sink in self._sinks:
             sink.event(event)
 
-    def scene(self, truth: Truth) -> None:
-        """Pass on one scene."""
+    def scenes(self, moments: Moments) -> None:
+        """Pass on scenes."""
         for sink in self._sinks:
-            sink.scene(truth)
+            sink.scenes(moments)
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Pass on one path."""
@@ -224,11 +227,19 @@ class Recorder(Sink):
         }
         self._events: list[Event] = []
 
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+    def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
+        """Add rows."""
+        if values.shape != (len(times), len(channel.fields)):
+            raise wrong_shape(channel, times, values)
+        self._times[channel.topic].frombytes(times.tobytes())
+        self._values[channel.topic].frombytes(values.tobytes())
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float] | FloatArray) -> None:
         """Add one row."""
-        check_row(channel, values)
+        if len(values) != len(channel.fields):
+            raise wrong_shape(channel, np.empty(1), np.array(values))
         self._times[channel.topic].append(time_s)
-        self._values[channel.topic].fromlist(list(values))
+        self._values[channel.topic].frombytes(np.array(values, dtype=float).tobytes())
 
     def event(self, event: Event) -> None:
         """Add one event."""

@@ -1,4 +1,8 @@
-"""Error processes of sensors, each with its own random generators."""
+"""Error processes of sensors, each with its own random generators.
+
+`errors(n)` returns the errors of the next n samples, (n, m). They do not depend on how many are
+asked for at once.
+"""
 
 import math
 from typing import Final
@@ -9,7 +13,7 @@ from ttempc.types import FloatArray
 
 _BAD_SHARE: Final = 0.1
 _BAD_FACTOR: Final = 3.0
-_AHEAD: Final = 64  # samples drawn at once
+_AHEAD: Final = 64  # white parts that a correlated error draws at once
 
 
 class White:
@@ -26,15 +30,10 @@ class White:
     ) -> None:
         self._rng, self._sd = rng, sd
         self._bias = np.zeros(len(sd)) if bias is None else bias
-        # ahead, the next one last: the stream is that of single draws
-        self._drawn: list[list[float]] = []
 
-    def draw(self) -> list[float]:
-        """Return the error of the next sample, (m,)."""
-        if not self._drawn:
-            normal = self._rng.standard_normal((_AHEAD, len(self._sd)))
-            self._drawn = (self._bias + self._sd * normal).tolist()[::-1]
-        return self._drawn.pop()
+    def errors(self, n: int) -> FloatArray:
+        """Return the errors of the next samples, (n, m)."""
+        return self._bias + self._sd * self._rng.standard_normal((n, len(self._sd)))
 
 
 class Correlated:
@@ -67,14 +66,20 @@ class Correlated:
         self._rng = slow_rng
         self._correlation = math.exp(-period / correlation_time)
         self._state = self._sd * slow_rng.standard_normal(len(sd))  # (m,)
+        # the next one last; in blocks of one size, since both generators may be the same
+        self._ahead: list[FloatArray] = []
 
-    def draw(self) -> list[float]:
-        """Return the error of the next sample, (m,)."""
-        present = self._state
+    def errors(self, n: int) -> FloatArray:
+        """Return the errors of the next samples, (n, m)."""
         noise_sd = math.sqrt(1.0 - self._correlation**2) * self._sd
-        noise = noise_sd * self._rng.standard_normal(len(noise_sd))
-        self._state = self._correlation * present + noise
-        return (present + self._white.draw()).tolist()
+        errors = np.empty((n, len(self._sd)))
+        for k in range(n):
+            present = self._state
+            noise = noise_sd * self._rng.standard_normal(len(noise_sd))
+            self._state = self._correlation * present + noise
+            self._ahead = self._ahead or list(self._white.errors(_AHEAD)[::-1])
+            errors[k] = present + self._ahead.pop()
+        return errors
 
 
 class HeavyTailed:
@@ -93,11 +98,13 @@ class HeavyTailed:
         self._rng = rng
         self._good_sd = sd / math.sqrt(1.0 + _BAD_SHARE * (_BAD_FACTOR**2 - 1.0))
 
-    def draw(self) -> list[float]:
-        """Return the error of the next sample, (m,)."""
-        factor = _BAD_FACTOR if self._rng.random() < _BAD_SHARE else 1.0
-        drawn = self._rng.standard_normal(len(self._good_sd))
-        return (factor * self._good_sd * drawn).tolist()
+    def errors(self, n: int) -> FloatArray:
+        """Return the errors of the next samples, (n, m)."""
+        errors = np.empty((n, len(self._good_sd)))
+        for k in range(n):
+            factor = _BAD_FACTOR if self._rng.random() < _BAD_SHARE else 1.0
+            errors[k] = factor * self._good_sd * self._rng.standard_normal(len(self._good_sd))
+        return errors
 
 
 ErrorSource = White | Correlated | HeavyTailed

@@ -8,22 +8,21 @@ heading would move the corrected point by height x sin(roll) x error, 3 mm at 0.
 """
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from operator import add
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ttempc.types import FloatArray, Measurement, Sensor
+from ttempc.jit import cached_njit
+from ttempc.layout import SAMPLE
+from ttempc.types import FloatArray, Sensor
 
-from ..discretisation import delay_steps, quantised, whole_steps
+from ..discretisation import delay_steps, whole_steps
 from ..randomness import generator
-from ..truth import Pose, Truth
+from ..truth import ANTENNA_COLUMNS, Motion
 from .sensor_errors import Correlated, ErrorSource, HeavyTailed, White
-from .sensor_specification import GnssAntenna, ImuSpecification, SensorSpecification
-
-_Read = Callable[[Truth], tuple[float, ...]]
+from .sensor_specification import ImuSpecification, SensorSpecification
 
 _POSITION: Final = ("x_m", "y_m")
 _ATTITUDE: Final = ("yaw_rate_radps", "roll_rad", "pitch_rad")
@@ -43,34 +42,43 @@ COMPONENTS: Final[dict[Sensor, tuple[str, ...]]] = {
 The log derives its columns from this table: their names, their number and their order.
 """
 
-_GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)  # in the order of `Truth.antennas`
-_ANGLES: Final[tuple[tuple[Sensor, _Read], ...]] = (
-    (Sensor.STEERING_TRACTOR, lambda truth: (truth.delta_t,)),
-    (Sensor.STEERING_TRAILER, lambda truth: (truth.delta_i,)),
-    (Sensor.HITCH, lambda truth: (truth.beta,)),
+NUMBER: Final = {sensor: number for number, sensor in enumerate(COMPONENTS)}
+"""`SensorIndex` of each sensor."""
+
+_AHEAD: Final = 256  # samples of each sensor whose errors are drawn at once
+_ANGLES: Final = {
+    Sensor.STEERING_TRACTOR: "delta_t",
+    Sensor.STEERING_TRAILER: "delta_i",
+    Sensor.HITCH: "beta",
+}
+_IMUS: Final = {  # bodies in the order of the antennas
+    Sensor.IMU_TRACTOR: ("yaw_rate_t", "roll_t", "pitch_t"),
+    Sensor.IMU_TRAILER: ("yaw_rate_i", "roll_i", "pitch_i"),
+}
+_POINTS: Final = {Sensor.GNSS_TRACTOR: ("x_t", "y_t"), Sensor.GNSS_TRAILER: ("x_i", "y_i")}
+_YAWS: Final = tuple(Motion._fields.index(name) for name in ("psi_t", "psi_i"))
+
+_SENSOR: Final = np.dtype(
+    [
+        ("number", "i8"),  # `SensorIndex`
+        ("every", "i8"),  # physics steps from sample to sample
+        ("delay", "i8"),  # physics steps from sample to delivery
+        ("length", "i8"),  # components
+        ("columns", "i8", 3),  # of the components in a row of `TRUTH`
+        ("resolution", "f8", 3),  # of each component
+        ("corrects", "i8"),  # body whose attitude corrects the sample; -1: none
+    ]
 )
-_ENCODER: Final[dict[str, tuple[Sensor, _Read]]] = {
-    "wheel": (Sensor.ENCODER, lambda truth: (truth.rim_speed,)),
-    "ground": (Sensor.ENCODER, lambda truth: (truth.speed,)),
-}
-_IMU: Final[dict[Sensor, _Read]] = {  # bodies in the order of `Truth.antennas`
-    Sensor.IMU_TRACTOR: lambda truth: (truth.yaw_rate_t, truth.tractor.roll, truth.tractor.pitch),
-    Sensor.IMU_TRAILER: lambda truth: (truth.yaw_rate_i, truth.trailer.roll, truth.trailer.pitch),
-}
 
-
-@dataclass(frozen=True, slots=True)
-class _SampledSensor:
-    sensor: Sensor
-    read: _Read
-    error: ErrorSource
-    every: int  # physics steps from sample to sample
-    delay: int  # physics steps from sample to delivery
-    resolution: tuple[float, ...]  # of each component
+Change = Callable[[FloatArray], FloatArray]
+"""Returns what arrives in the place of samples, rows of `SAMPLE`, due physics step, sampling time;
+the array is the receiver's own."""
 
 
 class SensorSuite:
     """All sensors of the vehicle, sampled on a common count of physics steps.
+
+    A change, such as a fault, replaces samples between sensor and delivery (`changes`).
 
     Args:
         specification: rates, errors and latencies.
@@ -85,126 +93,186 @@ class SensorSuite:
     def __init__(
         self, specification: SensorSpecification, timestep: float, seed: int, lever_arms: FloatArray
     ) -> None:
-        self.specification = specification
-        self._timestep, self._seed, self._lever_arms = timestep, seed, lever_arms
-        self._attitude = dict.fromkeys(_IMU, (0.0, 0.0))  # roll, pitch [rad] as last measured
-        self._in_transit: list[tuple[int, Measurement]] = []  # physics step of delivery, sample
-        self._sensors = tuple(self._entries())
-        self._delays = any(sensor.delay for sensor in self._sensors)
+        self.specification, self.timestep = specification, timestep
+        self.changes: Sequence[Change] = ()
+        entries = tuple(self._entries(seed))
+        self._sources = [source for _, source in entries]
+        self._sensors: NDArray[np.void] = np.array([entry for entry, _ in entries], _SENSOR)
+        self._errors = np.empty((len(entries), _AHEAD, 3))
+        self._used = np.full(len(entries), _AHEAD)  # errors of each sensor
+        self._spare = 0  # moments for which there are errors at least
+        self._attitudes = np.zeros((2, 2))  # of the bodies: roll, pitch [rad] as last measured
+        self._levers = lever_arms
+        self._transit = np.empty((0, SAMPLE + 2))  # samples under way, as for a `Change`
+        self._delays = bool(self._sensors["delay"].any())
 
     @property
     def every(self) -> int:
         """Physics steps between two moments at which any sensor samples or delivers."""
         # a delay of 0 leaves the greatest common divisor as it is
-        return math.gcd(*(n for sensor in self._sensors for n in (sensor.every, sensor.delay)))
+        return math.gcd(*self._sensors["every"].tolist(), *self._sensors["delay"].tolist())
 
-    def sample(self, truth: Truth, step: int) -> list[Measurement]:
-        """Sample the sensors that are due at physics step `step`; return the samples delivered.
+    def sample(self, truths: FloatArray, first: int, stride: int) -> tuple[FloatArray, FloatArray]:
+        """Sample the sensors at every moment at which they are due; return what is delivered.
 
         A sample bears the time at which it was taken, whatever its latency.
-        """
-        prompt: list[Measurement] = []
-        for entry in self._sensors:
-            if step % entry.every == 0:
-                value = tuple(map(add, entry.read(truth), entry.error.draw()))
-                if any(entry.resolution):
-                    value = tuple(map(quantised, value, entry.resolution))
-                if entry.sensor in _IMU:
-                    self._attitude[entry.sensor] = value[1], value[2]
-                sample = Measurement(truth.time_s, entry.sensor, value)
-                if self._delays:
-                    self._in_transit.append((step + entry.delay, sample))
-                else:
-                    prompt.append(sample)
-        if not self._delays:
-            return prompt
-        delivered = [sample for due, sample in self._in_transit if due <= step]
-        self._in_transit = [item for item in self._in_transit if item[0] > step]
-        return delivered
 
-    def _entries(self) -> Iterator[_SampledSensor]:
+        Args:
+            truths: rows of `TRUTH` (n, TRUTH_SIZE), in the order of time; no moment is left out.
+            first: physics step of the first one.
+            stride: physics steps from one to the next.
+
+        Returns:
+            rows of `ttempc.layout.SAMPLE` entries in the order of delivery, (m, SAMPLE), and the
+            number of the moment at which each is delivered, (m,).
+        """
+        if self._spare < len(truths):
+            self._draw(len(truths))
+        self._spare -= len(truths)
+        most = len(truths) * len(self._sensors)
+        samples, due = np.empty((most, SAMPLE)), np.empty(most)
+        count = _take(
+            truths,
+            first,
+            stride,
+            self._sensors,
+            self._errors,
+            self._used,
+            self._attitudes,
+            self._levers,
+            samples,
+            due,
+        )
+        samples, due = samples[:count], due[:count]
+        if not (self._delays or self.changes):
+            return samples, (due - first) / stride
+        return self._deliver(samples, due, first, stride, len(truths))
+
+    def _deliver(
+        self, samples: FloatArray, due: FloatArray, first: int, stride: int, moments: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what `sample` does, after changes and latencies."""
+        taken = np.column_stack([samples, due, samples[:, 0]])
+        for change in self.changes:
+            taken = change(taken)
+        under_way = np.concatenate([self._transit, taken])
+        at = np.maximum(np.ceil((under_way[:, SAMPLE] - first) / stride), 0.0)
+        order = np.argsort(at, kind="stable")
+        order = order[: np.count_nonzero(at < moments)]
+        self._transit = under_way[at >= moments]
+        return under_way[order, :SAMPLE], at[order]
+
+    def _draw(self, moments: int) -> None:
+        """Draw errors ahead, of each sensor from its own generators."""
+        if moments > self._errors.shape[1]:
+            self._errors = np.pad(self._errors, ((0, 0), (moments, 0), (0, 0)))
+            self._used += moments
+        self._spare = size = self._errors.shape[1]
+        for source, errors, used in zip(self._sources, self._errors, self._used, strict=True):
+            errors[: size - used] = errors[used:].copy()
+            drawn = source.errors(int(used))
+            errors[size - used :, : drawn.shape[1]] = drawn
+        self._used[:] = 0
+
+    def _entries(self, seed: int) -> Iterator[tuple[tuple[object, ...], ErrorSource]]:
         """Yield the sensors; IMUs first: corrected GNSS samples of the same moment need them."""
         of, imu = self.specification, self.specification.imu
         if imu.on:
-            for sensor, read in _IMU.items():
-                error = _imu_error(imu, self._seed, sensor)
+            for sensor, names in _IMUS.items():
                 grid = _imu_units(imu.yaw_rate_resolution_degps, imu.angle_resolution_deg)
-                yield self._entry(sensor, read, error, imu.latency_s, grid)
-        for body, sensor in enumerate(_GNSS):
-            error, resolution = _gnss_error(of, self._seed, sensor), 2 * (of.gnss_resolution_m,)
-            read = self._gnss_reader(body)
-            yield self._entry(sensor, read, error, of.gnss_latency_s, resolution)
+                entry = self._entry(sensor, _columns(*names), imu.latency_s, grid)
+                yield entry, _imu_error(imu, seed, sensor)
+        for body, (sensor, names) in enumerate(_POINTS.items()):
+            antenna = ANTENNA_COLUMNS.start + 3 * body
+            columns = _columns(*names) if of.gnss_antenna == "point" else (antenna, antenna + 1)
+            grid, corrects = 2 * (of.gnss_resolution_m,), of.gnss_antenna == "corrected"
+            yield (
+                self._entry(sensor, columns, of.gnss_latency_s, grid, body if corrects else -1),
+                _gnss_error(of, seed, sensor),
+            )
         angle = (
             math.radians(of.angle_sd_deg),
             of.angle_latency_s,
             math.radians(of.angle_resolution_deg),
         )
         speed = (of.encoder_sd_mps, of.encoder_latency_s, of.encoder_resolution_mps)
-        plain = [*((pair, angle) for pair in _ANGLES), (_ENCODER[of.encoder_on], speed)]
-        for (sensor, read), (sd, latency_s, resolution) in plain:
-            error = White(np.array([sd]), generator(self._seed, f"sensor/{sensor}"))
-            yield self._entry(sensor, read, error, latency_s, (resolution,))
+        encoder = {"wheel": "rim_speed", "ground": "speed"}[of.encoder_on]
+        plain = [*((*pair, angle) for pair in _ANGLES.items()), (Sensor.ENCODER, encoder, speed)]
+        for sensor, name, (sd, latency_s, resolution) in plain:
+            entry = self._entry(sensor, _columns(name), latency_s, (resolution,))
+            yield entry, White(np.array([sd]), generator(seed, f"sensor/{sensor}"))
 
     def _entry(
         self,
         sensor: Sensor,
-        read: _Read,
-        error: ErrorSource,
+        columns: tuple[int, ...],
         latency_s: float,
         resolution: tuple[float, ...],
-    ) -> _SampledSensor:
-        period_s, timestep = self.specification.period_s(sensor), self._timestep
+        corrects: int = -1,
+    ) -> tuple[object, ...]:
+        """Return an entry of `_SENSOR`."""
+        period_s, timestep = self.specification.period_s(sensor), self.timestep
         every = whole_steps(period_s, timestep, f"rate of sensor {sensor} ({1.0 / period_s:g} Hz)")
         delay = delay_steps(latency_s, timestep, f"latency of sensor {sensor}")
-        return _SampledSensor(sensor, read, error, every, delay, resolution)
-
-    def _gnss_reader(self, body: int) -> _Read:
-        """Return the function that reads the position (x, y) [m] which a body's receiver reports.
-
-        `body` is 0 for the tractor, 1 for the trailer.
-        """
-        lever, imu = self._lever_arms[body], tuple(_IMU)[body]
-
-        def pose(truth: Truth) -> Pose:
-            return (truth.tractor, truth.trailer)[body]
-
-        def raw(truth: Truth) -> tuple[float, float]:
-            x, y, _ = truth.antennas[body].tolist()
-            return x, y
-
-        def corrected(truth: Truth) -> tuple[float, float]:
-            (x, y), (roll, pitch) = raw(truth), self._attitude[imu]
-            east, north = lever_in_map(lever, pose(truth).yaw, pitch, roll)
-            return x - east, y - north
-
-        readers: dict[GnssAntenna, _Read] = {
-            "point": lambda truth: (pose(truth).x, pose(truth).y),
-            "raw": raw,
-            "corrected": corrected,
-        }
-        return readers[self.specification.gnss_antenna]
+        fill = 3 - len(columns)
+        grid = (*resolution, *fill * (0.0,))
+        return NUMBER[sensor], every, delay, len(columns), (*columns, *fill * (0,)), grid, corrects
 
 
-def lever_in_map(lever: FloatArray, yaw: float, pitch: float, roll: float) -> tuple[float, float]:
-    """Return the horizontal part (x, y) [m] of a lever arm in the map frame.
+@cached_njit(error_model="numpy", boundscheck=False)
+def _take(
+    truths: FloatArray,
+    first: int,
+    stride: int,
+    sensors: NDArray[np.void],
+    errors: FloatArray,
+    used: NDArray[np.int64],
+    attitudes: FloatArray,
+    levers: FloatArray,
+    samples: FloatArray,
+    due: FloatArray,
+) -> int:
+    """Take the samples of some moments in their order; return how many.
 
-    It is R_z(yaw) R_y(pitch) R_x(roll) lever: an antenna at height h above its point moves
-    h sin(roll) to the right of it and h cos(roll) sin(pitch) ahead.
-
-    Args:
-        lever: from point to antenna in the body's frame, (3,) [m].
-        yaw: heading of the body [rad].
-        pitch: positive nose down [rad].
-        roll: positive left side up [rad].
+    The horizontal part of a lever arm in the map is that of R_z(yaw) R_y(pitch) R_x(roll) lever: an
+    antenna at height h above its point moves h sin(roll) to the right of it and
+    h cos(roll) sin(pitch) ahead.
     """
-    x, y, z = lever.tolist()
-    aside = y * math.cos(roll) - z * math.sin(roll)
-    up = y * math.sin(roll) + z * math.cos(roll)
-    ahead = x * math.cos(pitch) + up * math.sin(pitch)
-    return (
-        ahead * math.cos(yaw) - aside * math.sin(yaw),
-        ahead * math.sin(yaw) + aside * math.cos(yaw),
-    )
+    count = 0
+    for moment in range(len(truths)):
+        truth, step = truths[moment], first + moment * stride
+        for k in range(len(sensors)):
+            of = sensors[k]
+            if step % of.every != 0:
+                continue
+            row = samples[count]
+            row[0], row[1], row[4] = truth[0], of.number, 0.0
+            row[3] = 0.0
+            for i in range(of.length):
+                row[2 + i] = truth[of.columns[i]]
+            if of.corrects >= 0:
+                roll, pitch = attitudes[of.corrects, 0], attitudes[of.corrects, 1]
+                yaw, lever = truth[_YAWS[of.corrects]], levers[of.corrects]
+                aside = lever[1] * math.cos(roll) - lever[2] * math.sin(roll)
+                up = lever[1] * math.sin(roll) + lever[2] * math.cos(roll)
+                ahead = lever[0] * math.cos(pitch) + up * math.sin(pitch)
+                row[2] -= ahead * math.cos(yaw) - aside * math.sin(yaw)
+                row[3] -= ahead * math.sin(yaw) + aside * math.cos(yaw)
+            for i in range(of.length):
+                row[2 + i] += errors[k, used[k], i]
+                if of.resolution[i] > 0.0:
+                    row[2 + i] = of.resolution[i] * round(row[2 + i] / of.resolution[i])
+            used[k] += 1
+            if of.length == 3:  # an IMU
+                attitudes[of.number - 6, 0], attitudes[of.number - 6, 1] = row[3], row[4]
+            due[count] = step + of.delay
+            count += 1
+    return count
+
+
+def _columns(*names: str) -> tuple[int, ...]:
+    """Return the columns of the state in a row of `TRUTH`."""
+    return tuple(Motion._fields.index(name) for name in names)
 
 
 def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -> ErrorSource:

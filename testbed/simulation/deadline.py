@@ -5,37 +5,65 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from time import monotonic, thread_time
 from types import FrameType
-from typing import Final
+from typing import Final, Self
 
 from ttempc.types import Command
 
 STEP_LIMIT_S: Final = 60.0
-"""Wall-clock time after which a call of the guidance is ended; assumed: 300 control periods."""
+"""Processor time after which a call of the guidance is ended; assumed: 300 control periods."""
+
+PATIENCE: Final = 10.0
+"""Wall-clock time over the limit of the processor time, for a part that sleeps; assumed."""
+
+_LONGEST_S: Final = 1.0  # between two looks at the time
+_LOOKS: Final = 4.0  # at least within a limit
 
 
-@contextmanager
-def time_limit(seconds: float) -> Iterator[None]:
-    """Raise `TimeoutError` in the block if it takes longer, by an alarm of the operating system.
+class Deadline:
+    """Limit of the processor time of a user's part, a context manager about each of its calls.
 
-    Python runs the alarm's handler between two of its instructions in the main thread. In another
-    thread there is no limit, and compiled code that does not return cannot be ended so. Limits are
-    not nested.
+    Other processes do not use it up. While `watch` holds, an alarm of the operating system looks at
+    the time again and again. Python runs its handler between two of its instructions in the main
+    thread. In another thread there is no limit, and compiled code that does not return cannot be
+    ended so. Parts are not nested.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
 
-    def expire(number: int, frame: FrameType | None) -> None:
-        raise TimeoutError(f"did not return within {seconds:g} s")
+    def __init__(self, limit_s: float = STEP_LIMIT_S) -> None:
+        self._limit_s = limit_s
+        self._begun: tuple[float, float] | None = None  # processor and wall-clock time [s]
 
-    before = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+    def __enter__(self) -> None:
+        self._begun = thread_time(), monotonic()
+
+    def __exit__(self, *error: object) -> None:
+        self._begun = None
+
+    @contextmanager
+    def watch(self) -> Iterator[None]:
+        """Raise `TimeoutError` in a part that takes longer than the limit."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        period_s = min(_LONGEST_S, self._limit_s / _LOOKS)
+        handler = signal.signal(signal.SIGALRM, self._look)
+        timer = signal.setitimer(signal.ITIMER_REAL, period_s, period_s)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, handler)
+            signal.setitimer(signal.ITIMER_REAL, *timer)
+
+    def _look(self, number: int, frame: FrameType | None) -> None:
+        if self._begun is None:
+            return
+        spent_s, passed_s = thread_time() - self._begun[0], monotonic() - self._begun[1]
+        if spent_s > self._limit_s:
+            raise TimeoutError(f"did not return within {self._limit_s:g} s of processor time")
+        if passed_s > PATIENCE * self._limit_s:
+            raise TimeoutError(f"did not return within {PATIENCE * self._limit_s:g} s")
 
 
 class CommandQueue:
@@ -44,12 +72,23 @@ class CommandQueue:
     def __init__(self) -> None:
         self._commands: deque[tuple[int, Command]] = deque()
 
-    def send(self, command: Command, due: int) -> None:
+    def send(self, command: Command, due: int) -> Self:
         """Add a command that acts from physics step `due` on; the first one acts at once."""
         self._commands.append((due, command))
+        return self
 
-    def acting(self, step: int) -> Command:
-        """Return the command that acts from a physics step on; steps must not go back."""
-        while len(self._commands) > 1 and self._commands[1][0] <= step:
-            self._commands.popleft()
-        return self._commands[0][1]
+    def spans(self, step: int, stops: int, stride: int) -> list[tuple[Command, int]]:
+        """Return the commands that act in the next `stops` strides of physics steps, and how many.
+
+        Steps must not go back. A command that comes due within a stride acts from the next one on.
+        """
+        commands, spans = self._commands, list[tuple[Command, int]]()
+        while stops:
+            while len(commands) > 1 and commands[1][0] <= step:
+                commands.popleft()
+            count = stops
+            if len(commands) > 1:
+                count = min(count, -(-(commands[1][0] - step) // stride))
+            spans.append((commands[0][1], count))
+            step, stops = step + count * stride, stops - count
+        return spans

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from time import perf_counter_ns
 from typing import Final, Literal
 
+import numpy as np
+
 from ttempc.errors import GuidanceFailed
 
 from ..errors import PlantDiverged, StageFailed
 from ..recording import channels
 from ..recording.channels import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..recording.record import LEARNT, OVERRUN, REACTION, REACTION_ENDED, Event
-from .deadline import time_limit
+from ..truth import STATE_COLUMNS, TYRE_COLUMNS, Moments
 from .setup import SimulationSetup, Stage, TickContext
 from .termination import check_termination
 
@@ -34,34 +36,34 @@ class Outcome:
 
 def prepare(setup: SimulationSetup, tick: TickContext) -> None:
     """Let the guidance do what needs no samples."""
-    with time_limit(setup.step_limit_s):
+    with setup.deadline:
         setup.guidance.prepare()
 
 
 def sense(setup: SimulationSetup, tick: TickContext) -> None:
     """Sample the sensors at every moment since the previous tick."""
-    tick.measurements = []
-    for step, truth in tick.truths:
-        samples = setup.sensors.sample(truth, step)
-        for row in channels.measurement_rows(samples):
-            setup.sink.row(channels.MEASUREMENT, truth.time_s, row)
-        tick.measurements += samples
+    truths = tick.moments.rows
+    samples, at = setup.sensors.sample(truths, tick.steps[0], tick.stride)
+    tick.sensed(samples)
+    if len(samples):
+        rows = channels.measurement_rows(samples, at, truths[:, 0])
+        setup.sink.rows(channels.MEASUREMENT, *rows)
 
 
 def estimate(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn measurements into an estimate."""
-    with time_limit(setup.step_limit_s):
-        setup.guidance.wait()  # the simulation is faster than real time: not a part of the step
+    setup.guidance.wait()  # the simulation is faster than real time: not a part of the step
+    with setup.deadline:
         start = perf_counter_ns()
-        tick.estimate = setup.guidance.update(tick.now.time_s, tick.measurements)
+        tick.estimate = setup.guidance.update(tick.motion.time_s, tick.samples)
         tick.estimator_ns = perf_counter_ns() - start
-    setup.sink.row(channels.ESTIMATE, tick.now.time_s, channels.estimate_row(tick.estimate))
+    setup.sink.row(channels.ESTIMATE, tick.motion.time_s, channels.estimate_row(tick.estimate))
 
 
 def control(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn the estimate into a command within the vehicle's limits."""
     tick.reference_tick = setup.guidance.reference_tick
-    with time_limit(setup.step_limit_s):
+    with setup.deadline:
         start = perf_counter_ns()
         tick.command = setup.guidance.step()
         tick.control_ns = perf_counter_ns() - start
@@ -72,8 +74,8 @@ def control(setup: SimulationSetup, tick: TickContext) -> None:
 def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the command and its diagnostics."""
     assert tick.control is not None
-    diagnostics, time, sink = tick.control.diagnostics, tick.now.time_s, setup.sink
-    sink.row(channels.CONTROL, time, channels.control_row(tick.control, setup.vehicle))
+    diagnostics, time, sink = tick.control.diagnostics, tick.motion.time_s, setup.sink
+    sink.row(channels.CONTROL, time, channels.control_row(tick.control, setup.bounds))
     sink.row(channels.TRACKING, time, channels.tracking_row(diagnostics))
     sink.row(channels.SOLVER, time, channels.solver_row(diagnostics))
     if diagnostics.tube is not None:
@@ -93,45 +95,42 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
 def advance(setup: SimulationSetup, tick: TickContext) -> None:
     """Run the plant for one control period, with stops where a sensor or the record needs it."""
     assert tick.command is not None
-    start_step = tick.k * setup.control_steps
-    tick.queue.send(tick.command, start_step + _late_steps(setup, tick))
-    stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
-    truths = []
-    start = perf_counter_ns()
-    for step in range(start_step + stride, start_step + setup.control_steps + 1, stride):
-        command = tick.queue.acting(step - stride)
-        truths.append((step, setup.plant.advance(command, stride)))
+    steps, stride, plant = setup.control_steps, tick.stride, setup.plant
+    step, took_s = tick.k * steps, 1e-9 * (tick.estimator_ns + tick.control_ns)
+    timestep_s = plant.timestep_s
+    late = 0  # physics steps by which the command comes late
+    if took_s > (period_s := steps * timestep_s):
+        text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
+        setup.sink.event(Event(tick.k * period_s, "warning", text))
+        late = math.ceil(took_s / timestep_s) if setup.realtime else 0
+    spans = tick.queue.send(tick.command, step + late).spans(step, steps // stride, stride)
+    start, parts = perf_counter_ns(), []
+    for command, count in spans:
+        parts.append(plant.drive(command, count, stride))
     tick.plant_ns = perf_counter_ns() - start
-    tick.truths = truths
-
-
-def _late_steps(setup: SimulationSetup, tick: TickContext) -> int:
-    """Return the physics steps by which the command of a tick comes late; log an overrun."""
-    timestep_s = setup.plant.timestep_s
-    period_s = setup.control_steps * timestep_s
-    took_s = 1e-9 * (tick.estimator_ns + tick.control_ns)
-    if took_s <= period_s:
-        return 0
-    text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
-    setup.sink.event(Event(tick.k * period_s, "warning", text))
-    return math.ceil(took_s / timestep_s) if setup.realtime else 0
+    moments = parts[0]
+    if len(parts) > 1:
+        moments = Moments(*map(np.concatenate, zip(*parts, strict=True)))
+    tick.drive_to(step + steps, moments)
 
 
 def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the truth beside its reference."""
-    for step, truth in tick.truths:
-        if step % setup.record_steps == 0:
-            driven = tick.reference_step(step, setup.control_steps)
-            reference = setup.reference_row(driven, truth).tolist()
-            setup.sink.row(channels.STATE, truth.time_s, channels.state_row(truth))
-            setup.sink.row(channels.REFERENCE, truth.time_s, reference)
-            setup.sink.row(channels.TYRES, truth.time_s, channels.tyres_row(truth))
-            if truth.tool is not None:
-                row = channels.tool_row(truth.tool, reference)
-                setup.sink.row(channels.TOOL, truth.time_s, row)
-            if setup.corridor_row is not None:
-                setup.sink.row(channels.CORRIDOR, truth.time_s, setup.corridor_row(truth))
-            setup.sink.scene(truth)
+    moments, steps, sink = tick.moments, tick.steps, setup.sink
+    if (every := setup.record_steps // tick.stride) > 1:
+        due = slice(-steps[0] % setup.record_steps // tick.stride, None, every)
+        moments, steps = Moments(*(each[due] for each in moments)), steps[due]
+    first = tick.reference_step(steps[0], setup.control_steps)
+    stride = 0 if tick.waits else setup.record_steps
+    times, references = moments.rows[:, 0], setup.reference_rows(first, stride, moments)
+    sink.scenes(moments)
+    sink.rows(channels.STATE, times, moments.rows[:, STATE_COLUMNS])
+    sink.rows(channels.REFERENCE, times, references)
+    sink.rows(channels.TYRES, times, moments.rows[:, TYRE_COLUMNS])
+    if moments.tools.size:
+        sink.rows(channels.TOOL, times, channels.tool_rows(moments.tools, references))
+    if setup.corridor_rows is not None:
+        sink.rows(channels.CORRIDOR, times, setup.corridor_rows(moments))
 
 
 def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
@@ -142,34 +141,32 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
     qp_us = 1e6 * report.solve_time_s if report and report.solve_time_s else channels.NAN
     plant_us = 1e-3 * tick.plant_ns / setup.control_steps
     row = (1e-3 * tick.estimator_ns, 1e-3 * tick.control_ns, qp_us, plant_us)
-    setup.sink.row(channels.TIMING, tick.now.time_s, row)
+    setup.sink.row(channels.TIMING, tick.motion.time_s, row)
 
 
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
-    step, truth = tick.truths[-1]
-    x, y = setup.reference_row(tick.reference_step(step, setup.control_steps), truth)[:2]
-    limits = setup.termination
-    slip = tick.slip.update(truth, limits.stuck_time)
+    now, limits = tick.motion, setup.termination
+    step = tick.reference_step(tick.steps[-1], setup.control_steps)
+    x, y = setup.reference_row(step, now.x_t, now.y_t)[:2].tolist()
+    distance_m = math.hypot(now.x_t - x, now.y_t - y)
+    slip = tick.slip.update(now, limits.stuck_time)
     assert tick.control is not None
     diagnostics = tick.control.diagnostics
-    stands = abs(truth.speed) < limits.standing
+    stands = abs(now.speed) < limits.standing
     if not diagnostics.stopping:
         tick.stopping = None
     elif tick.stopping is None:
-        tick.stopping = truth.time_s, diagnostics.fallback
+        tick.stopping = now.time_s, diagnostics.fallback
     since_s, reason = tick.stopping or (-math.inf, "")
-    stopping = bool(tick.stopping) and (stands or truth.time_s - since_s <= limits.stop_time)
-    tick.lost = check_termination(
-        truth, (float(x), float(y)), setup.terrain, limits, slip, stopping=stopping
-    )
+    stopping = bool(tick.stopping) and (stands or now.time_s - since_s <= limits.stop_time)
+    tick.lost = check_termination(now, distance_m, setup.terrain, limits, slip, stopping=stopping)
     if not (reason and stands):
         tick.standing_s = None
     elif tick.standing_s is None:
-        tick.standing_s = truth.time_s
-    far = math.hypot(truth.tractor.x - x, truth.tractor.y - y) > limits.deviation
-    waited = tick.standing_s is not None and truth.time_s - tick.standing_s >= limits.wait_time
-    tick.stopped = reason if stands and (far or waited) else ""
+        tick.standing_s = now.time_s
+    waited = tick.standing_s is not None and now.time_s - tick.standing_s >= limits.wait_time
+    tick.stopped = reason if stands and (distance_m > limits.deviation or waited) else ""
 
 
 STAGES: Final[tuple[Stage, ...]] = (
@@ -220,20 +217,21 @@ def drive(
     user's controller, estimator or stage ends the run as invalid; its traceback is in the log.
     """
     run = periods(setup, ticks, stages, on_tick)
-    while True:
-        try:
-            next(run)
-        except StopIteration as end:
-            return end.value
+    with setup.deadline.watch():
+        while True:
+            try:
+                next(run)
+            except StopIteration as end:
+                return end.value
 
 
 def periods(
     setup: SimulationSetup, ticks: int, stages: Sequence[Stage], on_tick: Callable[[int], object]
 ) -> Generator[TickContext, None, Outcome]:
     """Do as `drive`, and pause before every `control`: an estimate is there, a command is not."""
-    tick = TickContext(truths=[(0, setup.plant.truth())])
+    tick = TickContext(setup)
     for text in setup.notes:
-        setup.sink.event(Event(tick.now.time_s, "info", text))
+        setup.sink.event(Event(tick.motion.time_s, "info", text))
     log_truth(setup, tick)
     status: Literal["completed", "stopped", "lost", "invalid"] = "completed"
     failure: str | None = None
@@ -256,7 +254,8 @@ def periods(
             if failure:
                 break
             if setup.guidance.reference_tick >= ticks:
-                left_m = setup.behind_m(ticks * setup.control_steps, tick.now)
+                now = tick.motion
+                left_m = setup.behind_m(ticks * setup.control_steps, now.x_t, now.y_t)
                 if left_m <= setup.termination.deviation:
                     break
         else:
@@ -271,7 +270,7 @@ def periods(
             trace = "".join(traceback.format_exception(error.__cause__))
     finally:
         gc.unfreeze()
-    time = tick.now.time_s
+    time = tick.motion.time_s
     for text in filter(None, (failure, trace)):
         setup.sink.event(Event(time, "error", text))
     return Outcome(status, failure, time, 1e-9 * (perf_counter_ns() - start), trace)

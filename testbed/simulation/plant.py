@@ -242,9 +242,13 @@ class Plant:
         mujoco.mj_step1(self.model, self.data)
         return self.truth()
 
-    def truth(self) -> Truth:
+    def moment(self) -> Moments:
         """Return the present state; wheel forces are those of the step that led to it."""
-        return self._reader.put(self._reader.moments(1), 0).truth(0)
+        return self._reader.put(self._reader.moments(1), 0)
+
+    def truth(self) -> Truth:
+        """Return the view of `moment`."""
+        return self.moment().truth(0)
 
     def _move_valves(self, command: Command) -> None:
         """Advance the command path by one physics step."""

@@ -1,18 +1,19 @@
 """Parts of a simulation, and what a control period hands from stage to stage."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ttempc.layout import SAMPLE, measurements_of
 from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement, VehicleGuidance
-from ttempc.vehicle import Vehicle
 
-from ..faults.faulty import Sensors
 from ..ground.terrain import Terrain
 from ..recording.record import Sink
-from ..truth import Truth
-from .deadline import STEP_LIMIT_S, CommandQueue
+from ..sensing.sensors import SensorSuite
+from ..truth import Moments, Truth
+from .deadline import CommandQueue, Deadline
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits
 
@@ -22,9 +23,9 @@ class SimulationSetup:
     """All parts of one run."""
 
     plant: Plant
-    sensors: Sensors
+    sensors: SensorSuite
     guidance: VehicleGuidance
-    vehicle: Vehicle  # model parameters; they give the input bounds in the log
+    bounds: FloatArray  # (2, 3) smallest and largest command, for the log
     sink: Sink
     reference: FloatArray  # (n, len(REFERENCE.fields)) one row every `record_steps`
     control_steps: int  # physics steps in a control period
@@ -37,63 +38,113 @@ class SimulationSetup:
     place: Callable[[float, float], float] | None = None
     # Whether the command of a step that took longer than its period acts as much later
     realtime: bool = False
-    step_limit_s: float = STEP_LIMIT_S  # see `time_limit`
-    corridor_row: Callable[[Truth], list[float]] | None = None  # None on free ground
+    deadline: Deadline = field(default_factory=Deadline)  # of the guidance
+    # Rows of `CORRIDOR` for moments in the order of time; None on free ground
+    corridor_rows: Callable[[Moments], FloatArray] | None = None
 
-    def reference_row(self, step: int, truth: Truth) -> FloatArray:
-        """Return the row of the reference that belongs to the truth at a step of the reference."""
+    def reference_row(self, step: int, x: float, y: float) -> FloatArray:
+        """Return the row of the reference for a tractor at (x, y) [m] and a step of the reference.
+
+        The place decides where the reference is followed by place, else the step.
+        """
         if self.place is None:
             return self.reference[step // self.record_steps]
-        place = self.place(truth.tractor.x, truth.tractor.y)
+        place = self.place(x, y)
         row = min(int(place), len(self.reference) - 2)
         share = place - row
         return (1.0 - share) * self.reference[row] + share * self.reference[row + 1]
 
-    def behind_m(self, step: int, truth: Truth) -> float:
-        """Return the way of the reference from the tractor to a step of it [m], 0 if it is past.
+    def reference_rows(self, first: int, stride: int, moments: Moments) -> FloatArray:
+        """Return the rows of the reference for moments, as `reference_row`, (n, fields).
+
+        They belong to steps of the reference from `first` on, `stride` apart; 0 where it waits.
+        """
+        count = len(moments.rows)
+        if self.place is None and stride:
+            row = first // self.record_steps
+            return self.reference[row : row + count * (stride // self.record_steps)]
+        places = moments.rows[:, 1:3].tolist()
+        return np.array([self.reference_row(first, x, y) for x, y in places])
+
+    def behind_m(self, step: int, x: float, y: float) -> float:
+        """Return the way of the reference from (x, y) to a step of it [m], 0 if it is past.
 
         It is 0 as well where the reference is followed by time.
         """
         if self.place is None:
             return 0.0
-        rows = slice(
-            int(self.place(truth.tractor.x, truth.tractor.y)), step // self.record_steps + 1
-        )
+        rows = slice(int(self.place(x, y)), step // self.record_steps + 1)
         return float(np.hypot(*np.diff(self.reference[rows, :2].T)).sum())
 
 
-@dataclass(slots=True)
 class TickContext:
-    """Data of one control period; a stage reads what earlier stages left and adds its own."""
+    """Data of one control period; a stage reads what earlier stages left and adds its own.
 
-    k: int = 0  # control tick, counted
-    truths: list[tuple[int, Truth]] = field(default_factory=list)  # physics step, plant
-    measurements: list[Measurement] = field(default_factory=list)
-    estimate: Estimate | None = None
-    control: ControlStep | None = None
-    command: Command | None = None  # as it reaches the actuators; until then the previous one
-    fallback: str = ""
-    queue: CommandQueue = field(default_factory=CommandQueue)
-    slip: MeanSlip = field(default_factory=MeanSlip)
-    lost: str | None = None
-    stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
-    stopped: str = ""  # why, where a stop of the supervisor ends the run
-    standing_s: float | None = None  # since when the vehicle that it has stopped stands
-    reference_tick: int = 0  # tick of the reference that this control tick belongs to
-    waits: bool = False  # whether the reference stays there for the period
-    estimator_ns: int = 0
-    control_ns: int = 0
-    plant_ns: int = 0
+    `truths`, `now` and `measurements` are views: they are made when someone asks for them.
+    """
+
+    def __init__(self, setup: SimulationSetup) -> None:
+        self.k = 0  # control tick, counted
+        # physics steps from one moment to the next
+        self.stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
+        self.drive_to(0, setup.plant.moment())
+        self.sensed(np.empty((0, SAMPLE)))
+        self.estimate: Estimate | None = None
+        self.control: ControlStep | None = None
+        # as it reaches the actuators; until then the previous one
+        self.command: Command | None = None
+        self.fallback = ""
+        self.queue = CommandQueue()
+        self.slip = MeanSlip()
+        self.lost: str | None = None
+        self.stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
+        self.stopped = ""  # why, where a stop of the supervisor ends the run
+        self.standing_s: float | None = None  # since when the vehicle that it has stopped stands
+        self.reference_tick = 0  # tick of the reference that this control tick belongs to
+        self.waits = False  # whether the reference stays there for the period
+        self.estimator_ns = self.control_ns = self.plant_ns = 0
+
+    def drive_to(self, step: int, moments: Moments) -> None:
+        """Take over the moments up to a physics step, the last of them."""
+        self.moments, count = moments, len(moments.rows)
+        self.steps = range(step - (count - 1) * self.stride, step + 1, self.stride)
+        self.motion = moments.motion(-1)  # of the last moment
+
+    def sensed(self, samples: FloatArray) -> None:
+        """Take over the samples of the period as rows, see `ttempc.layout.SAMPLE`."""
+        self._rows: FloatArray = samples
+        self._measurements: list[Measurement] | None = None
+
+    @property
+    def samples(self) -> FloatArray | list[Measurement]:
+        """Samples of the period: rows, or objects where a stage has asked for them."""
+        return self._rows if self._measurements is None else self._measurements
+
+    @property
+    def measurements(self) -> list[Measurement]:
+        """Samples of the period in the order of delivery; a stage may change the list."""
+        if self._measurements is None:
+            self._measurements = measurements_of(self._rows)
+        return self._measurements
+
+    @measurements.setter
+    def measurements(self, samples: list[Measurement]) -> None:
+        self._measurements = samples
+
+    @property
+    def truths(self) -> list[tuple[int, Truth]]:
+        """Physics steps and states of the plant since the previous tick."""
+        return [(step, self.moments.truth(n)) for n, step in enumerate(self.steps)]
+
+    @property
+    def now(self) -> Truth:
+        """The plant at the latest moment."""
+        return self.moments.truth(-1)
 
     def reference_step(self, step: int, control_steps: int) -> int:
         """Return the physics step of the reference that belongs to one of this period."""
         begun = 0 if self.waits else step - self.k * control_steps
         return self.reference_tick * control_steps + begun
-
-    @property
-    def now(self) -> Truth:
-        """The plant at the latest moment."""
-        return self.truths[-1][1]
 
 
 Stage = Callable[[SimulationSetup, TickContext], None]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..ground.terrain import Terrain
-from ..truth import Truth
+from ..truth import Motion
 from ..vehicle.vehicle import PlantVehicle
 
 _SHORTEST_WAY_M: Final = 1.0  # of the rims: a vehicle that stands does not slip
@@ -48,25 +48,24 @@ class MeanSlip:
     def __init__(self) -> None:
         self._ways: deque[tuple[float, float, float]] = deque()  # time, way of rims, of tractor
 
-    def update(self, truth: Truth, window: float) -> float:
+    def update(self, now: Motion, window: float) -> float:
         """Return the mean slip of the last `window` seconds up to this state of the plant.
 
         It is 0 where the rims went less than a metre.
         """
         ways = self._ways
-        last, rims, tractor = ways[-1] if ways else (truth.time_s, 0.0, 0.0)
-        step = truth.time_s - last
-        ways.append((truth.time_s, rims + step * truth.rim_speed, tractor + step * truth.speed))
-        while len(ways) > 2 and truth.time_s - ways[1][0] > window - 1e-6:
+        last, rims, tractor = ways[-1] if ways else (now.time_s, 0.0, 0.0)
+        step = now.time_s - last
+        ways.append((now.time_s, rims + step * now.rim_speed, tractor + step * now.speed))
+        while len(ways) > 2 and now.time_s - ways[1][0] > window - 1e-6:
             ways.popleft()
-        first, now = ways[0], ways[-1]
-        way = now[1] - first[1]
-        return 0.0 if abs(way) < _SHORTEST_WAY_M else 1.0 - (now[2] - first[2]) / way
+        way = ways[-1][1] - ways[0][1]
+        return 0.0 if abs(way) < _SHORTEST_WAY_M else 1.0 - (ways[-1][2] - ways[0][2]) / way
 
 
 def check_termination(
-    truth: Truth,
-    reference_xy: tuple[float, float],
+    now: Motion,
+    distance_m: float,
     terrain: Terrain,
     limits: TerminationLimits,
     slip: float = 0.0,
@@ -76,27 +75,29 @@ def check_termination(
     """Return the reason to terminate the run as text, None if there is none.
 
     Args:
-        truth: present state of the plant.
-        reference_xy: reference of the tractor point [m].
+        now: present state of the plant.
+        distance_m: of the tractor point from its reference.
         terrain: the field.
         limits: termination limits.
         slip: `MeanSlip` of the last `limits.stuck_time`.
         stopping: the supervisor has stopped the vehicle for `limits.stop_time` at most, or it
             stands: it may be far from its reference.
     """
-    for body, pose in (("tractor", truth.tractor), ("trailer", truth.trailer)):
-        if max(abs(pose.roll), abs(pose.pitch)) > limits.tilt:
+    for body, x, y, roll, pitch in (
+        ("tractor", now.x_t, now.y_t, now.roll_t, now.pitch_t),
+        ("trailer", now.x_i, now.y_i, now.roll_i, now.pitch_i),
+    ):
+        if max(abs(roll), abs(pitch)) > limits.tilt:
             return f"roll-over of the {body}"
-        if not terrain.contains(pose.x, pose.y):
-            return f"the {body} left the field at ({pose.x:.1f}, {pose.y:.1f}) m"
-    if max(abs(truth.beta), abs(truth.delta_i)) > limits.fold:
-        return f"jack-knife, drawbar at {math.degrees(truth.beta):.0f} deg to the tractor"
-    distance = math.hypot(truth.tractor.x - reference_xy[0], truth.tractor.y - reference_xy[1])
-    if slip > limits.stuck_slip and distance > limits.stuck_deviation:
+        if not terrain.contains(x, y):
+            return f"the {body} left the field at ({x:.1f}, {y:.1f}) m"
+    if max(abs(now.beta), abs(now.delta_i)) > limits.fold:
+        return f"jack-knife, drawbar at {math.degrees(now.beta):.0f} deg to the tractor"
+    if slip > limits.stuck_slip and distance_m > limits.stuck_deviation:
         return (
-            f"stuck: slip {slip:.2f} over {min(truth.time_s, limits.stuck_time):g} s, "
-            f"the tractor is {distance:.1f} m from its reference"
+            f"stuck: slip {slip:.2f} over {min(now.time_s, limits.stuck_time):g} s, "
+            f"the tractor is {distance_m:.1f} m from its reference"
         )
-    if distance > limits.deviation and not stopping:
-        return f"diverged, the tractor is {distance:.1f} m from its reference"
+    if distance_m > limits.deviation and not stopping:
+        return f"diverged, the tractor is {distance_m:.1f} m from its reference"
     return None

@@ -15,7 +15,7 @@ import mujoco.viewer
 from ..errors import LiveError, WindowClosed
 from ..recording.record import Sink
 from ..simulation.plant import Plant
-from ..truth import Truth
+from ..truth import Moments
 
 
 class Window(Sink):
@@ -61,13 +61,13 @@ class Window(Sink):
     ) -> None:
         self._viewer.close()
 
-    def scene(self, truth: Truth) -> None:
-        """Draw the bodies when their simulated time has come.
+    def scenes(self, moments: Moments) -> None:
+        """Draw the bodies at the last moment when its simulated time has come.
 
         Raises:
             WindowClosed: the user closed the window.
         """
-        due_s = self._start_s + truth.time_s / self._speed
+        due_s = self._start_s + float(moments.rows[-1, 0]) / self._speed
         time.sleep(max(0.0, due_s - time.monotonic()))
         if not self._viewer.is_running():
             raise WindowClosed("the window was closed")

@@ -13,7 +13,7 @@ from proving_ground.testbed.recording.channels import (
 )
 from proving_ground.testbed.recording.record import Event
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 from ttempc.types import Sensor
 
 PERIOD_S = 0.04
@@ -46,7 +46,7 @@ def feed(sink, duration_s=22.0) -> None:
             values[first : first + 4] = (np.nan, -0.0, np.inf, 5e-324)
             sink.row(channel, now, values.tolist())
         bodies = {"body_xyz": rng.normal(size=(2, 3)), "body_quat": rng.normal(size=(2, 4))}
-        sink.scene(truth(time_s=now, **bodies))
+        sink.scenes(moments(truth(time_s=now, **bodies)))
         if k % 5 == 0:
             sink.path(PREDICTED_PATH_TOPIC, now, rng.normal(size=(15, 2)))
         now += PERIOD_S  # adds up rounding errors, as simulated time does

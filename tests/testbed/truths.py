@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from proving_ground.testbed.truth import Pose, Truth, Wheels
+from proving_ground.testbed.truth import STATE_COLUMNS, Moments, Motion, Pose, Truth, Wheels
 
 _LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -32,3 +32,33 @@ def truth(tractor=None, trailer=None, **values) -> Truth:
         body_quat=np.array([[1.0, 0.0, 0.0, 0.0]]),
     )
     return replace(rest, **values)
+
+
+def state_row(state):
+    """Return the row of the channel `/state` of a truth."""
+    return moments(state).rows[0, STATE_COLUMNS]
+
+
+def moments(*truths):
+    """Return the rows of which truths are views."""
+
+    def tool_row(tool):
+        numbers = (tool.x, tool.y, tool.z, tool.behind, tool.lowered, tool.distance)
+        return np.concatenate([numbers, tool.depth, tool.draft, tool.side])
+
+    def row(of):
+        motion = Motion(
+            *(of.time_s, of.tractor.x, of.tractor.y, of.tractor.yaw),
+            *(of.trailer.x, of.trailer.y, of.trailer.yaw),
+            *(of.tractor.z, of.tractor.pitch, of.tractor.roll),
+            *(of.trailer.z, of.trailer.pitch, of.trailer.roll),
+            *(of.psi_d, of.beta, of.delta_t, of.delta_i, of.hp, of.speed, of.lateral_speed),
+            *(of.yaw_rate_t, of.yaw_rate_i, of.rim_speed, *of.set_points.tolist()),
+        )
+        return np.concatenate([motion, np.transpose(of.wheels).ravel(), of.antennas.ravel()])
+
+    return Moments(
+        np.array([row(of) for of in truths]),
+        np.array([np.hstack([of.body_xyz, of.body_quat]) for of in truths]),
+        np.array([tool_row(of.tool) if of.tool else () for of in truths]),
+    )

@@ -1,5 +1,8 @@
 """Detectors of faults: what they observe, when they give an alarm, what follows from it.
 
+The built-in ones are one compiled call a tick, `observe_monitors`, on a flat record of all that
+they remember. Objects with names and words are views on it.
+
 The limits are those at which all detectors together give at most one false alarm in ten hours on
 every shipped scenario, or above, from tuning seeds; both steering angles, and both receivers, have
 the larger one of the two. An allowance is half of the shift of a residual that is to be detected,
@@ -9,36 +12,28 @@ case of motion 0.7 m/s, off.
 """
 
 import math
-from bisect import bisect_left, bisect_right, insort
-from collections import deque
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
+from ..errors import InvalidTuning
 from ..jit import cached_njit
-from ..types import Command, Estimate, FloatArray, Input, Measurement, Sensor
-from ..vehicle import Vehicle
-
-STEERING_ALLOWANCE: Final = math.radians(1.25)
-STEERING: Final = 0.035  # [rad] of a valve that stands still
-STEERING_STOP: Final = 0.060  # [rad] of any valve
-WHEELS_ALLOWANCE: Final = 0.30  # [m/s]
-WHEELS: Final = 1.10  # [m/s]
-MOTION_ALLOWANCE: Final = 0.35  # [m/s]
-MOTION: Final = 0.75  # [m/s]
-REPETITIONS: Final = 2.5  # bit-identical readings in succession; assumed
-INNOVATION: Final = {  # standard normal equivalents
-    Sensor.GNSS_TRACTOR: 7.8,
-    Sensor.GNSS_TRAILER: 7.8,
-    Sensor.HITCH: 8.3,
-    Sensor.ENCODER: 5.0,
-}
-_ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
-_SATURATION: Final = 1.5  # limits at which a sum saturates: an alarm ends soon after its cause
+from ..layout import ALARM, SAMPLE, sample_rows
+from ..models.augmented_state import SensorIndex
+from ..types import (
+    Command,
+    Estimate,
+    FloatArray,
+    Innovation,
+    Input,
+    Measurement,
+    Sensor,
+    WarmingUp,
+)
+from ..vehicle import MAX_DEAD_TIME_S, Vehicle
 
 
 class Reaction(IntEnum):
@@ -59,17 +54,10 @@ class Observation:
     command: Command | None  # of the period before; None at the first tick
     estimate: Estimate
     vehicle: Vehicle  # present model parameters
-    _of_sensor: dict[Sensor, list[Measurement]] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
-
-    def __post_init__(self) -> None:
-        for sample in self.samples:
-            self._of_sensor.setdefault(sample.sensor, []).append(sample)
 
     def of(self, sensor: Sensor) -> Sequence[Measurement]:
         """Return the samples of one sensor in the order of arrival."""
-        return self._of_sensor.get(sensor, ())
+        return [sample for sample in self.samples if sample.sensor == sensor]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,46 +85,6 @@ class Detector:
     def alarm(self) -> Alarm:
         """Return the alarm for the present statistic."""
         raise NotImplementedError
-
-
-class Monitors:
-    """Runs detectors and keeps their alarms until the causes end.
-
-    An alarm begins where a statistic exceeds its limit and ends where it falls below half of it.
-    A detector does not see the samples that are not to be used by an alarm of one before it.
-    """
-
-    def __init__(self, detectors: Sequence[Detector]) -> None:
-        self.detectors = tuple(detectors)
-        self._active: dict[str, Alarm] = {}  # by detector
-
-    def observe(self, observation: Observation) -> tuple[Alarm, ...]:
-        """Return the alarms that stand after the data of a tick."""
-        for detector in self.detectors:
-            detector.observe(observation)
-            statistic = detector.statistic
-            if statistic > detector.limit:
-                self._active.setdefault(detector.name, detector.alarm())
-            elif not self._active:
-                continue
-            elif statistic < _ENDS * detector.limit:
-                self._active.pop(detector.name, None)
-            alarm = self._active.get(detector.name)
-            if alarm is not None and alarm.unused:
-                samples = _without(observation.samples, alarm.unused)
-                observation = replace(observation, samples=samples)
-        return tuple(self._active.values())
-
-    def usable(self, samples: Sequence[Measurement]) -> Sequence[Measurement]:
-        """Return the samples without those of sensors that an alarm rules out."""
-        for alarm in self._active.values():
-            if alarm.unused:
-                samples = _without(samples, alarm.unused)
-        return samples
-
-
-def _without(samples: Sequence[Measurement], unused: frozenset[Sensor]) -> list[Measurement]:
-    return [sample for sample in samples if sample.sensor not in unused]
 
 
 _STANDING: Final = 0.05  # [m/s] largest speed of a vehicle that stands
@@ -182,582 +130,609 @@ class Reactions:
         return reaction, "; ".join(alarm.reason for alarm in alarms)
 
 
-class Cusum:
-    """Cumulative sums of a residual to both sides (Page 1954, Biometrika 41).
+class DetectorIndex(IntEnum):
+    """Number of each built-in detector; the repetitions have the numbers of their sensors.
 
-        g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k)
-
-    They grow where the mean residual is above the allowance k, half of the shift to be detected.
+    A detector does not see the samples that an alarm of one before it rules out.
     """
 
-    def __init__(self, allowance: float, limit: float) -> None:
-        self._allowance, self._most = allowance, _SATURATION * limit
-        self.above = self.below = 0.0  # g+, g-
-        self.residual = math.nan  # of the last tick
-
-    def add(self, residual: float) -> None:
-        self.residual = residual
-        self.above = min(max(0.0, self.above + residual - self._allowance), self._most)
-        self.below = min(max(0.0, self.below - residual - self._allowance), self._most)
-
-    @property
-    def largest(self) -> float:
-        return max(self.above, self.below)
+    REPETITIONS = 0  # the first of six
+    STEERING = 6  # front, trailer
+    STANDSTILL = 8  # front, trailer
+    MOTION = 10
+    WHEELS = 11
+    INNOVATIONS = 12  # of GNSS tractor, GNSS trailer, hitch, encoder
 
 
-_SPAN_S: Final = 1.0
-# Largest contribution of a sample: a single outlier, which the gate rejects, gives no alarm.
-_MOST_SQUARE: Final = 25.0
+_COUNT: Final = 16  # detectors
+_GO_ON, _SLOW, _STOP_ON_PATH = map(float, (Reaction.GO_ON, Reaction.SLOW, Reaction.STOP_ON_PATH))
+_SENSORS: Final = 6  # whose repetitions are counted: the first ones of `SensorIndex`
+_ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
+_SATURATION: Final = 1.5  # limits at which a sum saturates: an alarm ends soon after its cause
 
-
-class InnovationMonitor(Detector):
-    """Sums up the normalised squared innovations of one sensor over a second.
-
-    For a consistent filter the sum is chi-square with n degrees of freedom, the entries of all
-    samples. The statistic is its standard normal equivalent (Wilson and Hilferty 1931),
-
-        ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)),
-
-    0 where it is below its mean. A refused sample, of a false time for example, does not count.
-    """
-
-    def __init__(self, what: str, sensor: Sensor) -> None:
-        super().__init__(f"innovations of the {what}", INNOVATION[sensor])
-        self._sensor, self._what = sensor, what
-        self._ticks: deque[tuple[float, float, int]] = deque()  # time [s], sum of squares, entries
-
-    def observe(self, observation: Observation) -> None:
-        now, sensor, total, n = observation.time_s, self._sensor, 0.0, 0
-        for item in observation.estimate.innovations:
-            if item.sensor is sensor and math.isfinite(item.normalised_squared):
-                total += min(item.normalised_squared, _MOST_SQUARE)
-                n += item.dimension
-        if n:
-            self._ticks.append((now, total, n))
-        while self._ticks and self._ticks[0][0] < now - _SPAN_S + 1e-6:
-            self._ticks.popleft()
-        self.statistic, self.residual = 0.0, math.nan
-        if self._ticks:
-            n = sum([entries for _, _, entries in self._ticks])
-            mean, spread = sum([square for _, square, _ in self._ticks]) / n, 2.0 / (9.0 * n)
-            equivalent = (mean ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
-            self.statistic = self.residual = max(0.0, equivalent)
-
-    def alarm(self) -> Alarm:
-        return Alarm(self.name, f"{self._what} contradicts the estimate", Reaction.GO_ON)
-
-
+REPETITIONS: Final = 2.5  # bit-identical readings in succession; assumed
 # A sensor of coarse resolution repeats readings in good health; it is not judged. Assumed.
 _LEAST_READINGS: Final = 50
 _LARGEST_SHARE: Final = 1 / 500  # of repetitions among the readings of a sensor that is judged
 
+INNOVATION: Final = (7.8, 7.8, 8.3, 5.0)  # GNSS, GNSS, hitch, encoder; standard normal equivalents
+_SPAN_S: Final = 1.0  # of positions, and of the innovations that are summed up
+# Largest contribution of a sample: a single outlier, which the gate rejects, gives no alarm.
+_MOST_SQUARE: Final = 25.0
 
-class RepetitionMonitor(Detector):
-    """Counts the bit-identical readings of one sensor in succession.
-
-    The noise of a sensor that works changes every reading. Its samples are not used while it
-    repeats itself; the first other reading ends the alarm. Samples under an old time stamp do not
-    count. The statistic of a sensor that repeats readings in good health is 0.
-    """
-
-    def __init__(self, what: str, sensor: Sensor) -> None:
-        super().__init__(f"readings of the {what}", REPETITIONS)
-        self._what, self._sensor = what, sensor
-        self._last: tuple[float, tuple[float, ...]] = (-math.inf, ())  # time [s], value
-        self._run = 0  # repetitions since the last new value
-        self._readings = self._repetitions = 0  # in good health
-
-    def _count(self) -> float:
-        judged = (
-            self._readings >= _LEAST_READINGS
-            and self._repetitions <= _LARGEST_SHARE * self._readings
-        )
-        return float(self._run) if judged else 0.0
-
-    def observe(self, observation: Observation) -> None:
-        for sample in observation.of(self._sensor):
-            if sample.time_s <= self._last[0]:
-                continue
-            if sample.value == self._last[1]:
-                self._run += 1
-            else:
-                if self._run and self._count() <= self.limit:
-                    self._repetitions += self._run
-                    self._readings += self._run
-                self._readings += 1
-                self._run = 0
-            self._last = sample.time_s, sample.value
-        self.statistic = self.residual = self._count()
-
-    def alarm(self) -> Alarm:
-        reason = f"{self._what} repeats one reading: not used"
-        return Alarm(self.name, reason, Reaction.GO_ON, unused=frozenset({self._sensor}))
-
-
+WHEELS_ALLOWANCE: Final = 0.30  # [m/s]
+WHEELS: Final = 1.10  # [m/s]
+MOTION_ALLOWANCE: Final = 0.35  # [m/s]
+MOTION: Final = 0.75  # [m/s]
 _LEAST_S: Final = 0.6  # between the first and the last position of a span
 _FASTEST_MPS: Final = 5.0  # of a vehicle; assumed
 _LARGEST_ERROR_M: Final = 0.5  # of a position that is no outlier; assumed
-_RECEIVERS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 # Of second differences of positions, from which their noise is estimated.
 _LEAST_DIFFERENCES: Final = 20
-_MOST_DIFFERENCES: Final = 200  # 20 s of both axes at 5 Hz
+_DIFFERENCES: Final = 200  # 20 s of both axes at 5 Hz
 _MEDIAN_TO_SD: Final = 1.4826 / math.sqrt(6.0)  # x(k+1) - 2 x(k) + x(k-1) of white noise
 _HISTORY_S: Final = 3.0  # age of the oldest position that speeds are compared with
 _SIGMAS: Final = 3.0
 _STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes no way
 
-
-class GroundSpeed(NamedTuple):
-    """Speed over ground over a span of time."""
-
-    mps: float
-    begin_s: float
-    end_s: float
-    sd_mps: float  # by the scatter of the positions of the last 20 s; 0 before there are enough
-
-
-class SpeedOverGround:
-    """Slope of the positions of a second over time, by Theil and Sen (Sen 1968, JASA 63).
-
-    Each axis has the median of the slopes between all pairs of positions, which a single outlier
-    does not move. A position farther from the last one than a vehicle goes is left out, for a
-    second at most. The result is the mean of the receivers that have sent enough positions, without
-    a sign; positions of a time before the last one are left out.
-    """
-
-    def __init__(self) -> None:
-        self._positions = {sensor: deque[tuple[float, float, float]]() for sensor in _RECEIVERS}
-        self._differences = deque[float]()  # second ones, unsigned [m]
-        self._ordered: list[float] = []  # the same by size
-        self._seen: Sequence[Measurement] | None = None  # samples of the last call
-        self._last: GroundSpeed | None = None  # its result
-
-    def speed(self, samples: Sequence[Measurement]) -> GroundSpeed | None:
-        """Take in samples; return the speed of the span that ends with the newest.
-
-        None where no receiver has sent positions over 0.6 s, or none of them is new. Several
-        monitors may ask with the same samples.
-        """
-        if samples is not self._seen:
-            self._seen, self._last = samples, self._speed(samples)
-        return self._last
-
-    def _speed(self, samples: Sequence[Measurement]) -> GroundSpeed | None:
-        new = False
-        for sample in samples:
-            kept = self._positions.get(sample.sensor)
-            if kept is None or not all(map(math.isfinite, sample.value)):
-                continue
-            while kept and kept[0][0] < sample.time_s - _SPAN_S - 1e-6:
-                kept.popleft()
-            if not kept or _is_plausible(kept[-1], sample):
-                new = True
-                kept.append((sample.time_s, sample.value[0], sample.value[1]))
-                if len(kept) > 2:
-                    (_, x0, y0), (_, x1, y1), (_, x2, y2) = kept[-3], kept[-2], kept[-1]
-                    self._add_difference(abs(x2 - 2.0 * x1 + x0))
-                    self._add_difference(abs(y2 - 2.0 * y1 + y0))
-        newest = max((kept[-1][0] for kept in self._positions.values() if kept), default=0.0)
-        spans = [
-            kept
-            for kept in self._positions.values()
-            if kept and kept[-1][0] - kept[0][0] >= _LEAST_S and kept[-1][0] > newest - _LEAST_S
-        ]
-        if not new or not spans:
-            return None
-        speeds = [math.hypot(*median_slopes(np.array(kept))) for kept in spans]
-        begin_s, end_s = min(kept[0][0] for kept in spans), max(kept[-1][0] for kept in spans)
-        return GroundSpeed(sum(speeds) / len(speeds), begin_s, end_s, self._sd_mps(spans))
-
-    def _add_difference(self, difference: float) -> None:
-        self._differences.append(difference)
-        insort(self._ordered, difference)
-        if len(self._ordered) > _MOST_DIFFERENCES:
-            del self._ordered[bisect_left(self._ordered, self._differences.popleft())]
-
-    def _sd_mps(self, spans: Sequence[Sequence[tuple[float, float, float]]]) -> float:
-        """Return the standard deviation of a speed by least squares, for white noise [m/s]."""
-        count = len(self._ordered)
-        if count < _LEAST_DIFFERENCES:
-            return 0.0
-        middle = self._ordered[(count - 1) // 2] + self._ordered[count // 2]
-        inverse = 0.0  # of the squares of the times about their mean
-        for kept in spans:
-            times = [time_s for time_s, _, _ in kept]
-            mean = sum(times) / len(times)
-            inverse += 1.0 / sum([(time_s - mean) ** 2 for time_s in times])
-        return _MEDIAN_TO_SD * 0.5 * middle * math.sqrt(inverse) / len(spans)
-
-
-def _is_plausible(last: tuple[float, float, float], sample: Measurement) -> bool:
-    span_s = sample.time_s - last[0]
-    way = math.hypot(sample.value[0] - last[1], sample.value[1] - last[2])
-    return span_s > 0.0 and way <= _FASTEST_MPS * span_s + _LARGEST_ERROR_M
-
-
-@cached_njit()
-def median_slopes(positions: FloatArray) -> tuple[float, float]:
-    """Return the medians of the slopes of x and y between all pairs of rows t, x, y (n, 3)."""
-    count = len(positions)
-    slopes = np.empty((2, count * (count - 1) // 2))
-    pair = 0
-    for later in range(count):
-        for earlier in range(later):
-            span_s = positions[later, 0] - positions[earlier, 0]
-            for axis in range(2):
-                way = positions[later, 1 + axis] - positions[earlier, 1 + axis]
-                slopes[axis, pair] = way / span_s
-            pair += 1
-    slopes[0].sort()
-    slopes[1].sort()
-    lower, upper = (pair - 1) // 2, pair // 2
-    if lower == upper:
-        return slopes[0, lower], slopes[1, lower]
-    return (
-        (slopes[0, lower] + slopes[0, upper]) / 2.0,
-        (slopes[1, lower] + slopes[1, upper]) / 2.0,
-    )
-
-
-class PlannedSpeed:
-    """K hp after the dead time and the lag of the hydrostat, at every tick."""
-
-    def __init__(self) -> None:
-        self._sent: deque[tuple[float, float]] = deque()  # end of a command [s], its value
-        self._plan: deque[tuple[float, float]] = deque()  # time [s], speed [m/s]
-
-    def history(self, observation: Observation) -> Sequence[tuple[float, float]]:
-        """Return times [s] and speeds [m/s], without a sign, up to the tick of the observation.
-
-        Several monitors may ask at one tick.
-        """
-        now, vehicle = observation.time_s, observation.vehicle
-        if observation.command is None or (self._plan and self._plan[-1][0] >= now):
-            return self._plan
-        self._sent.append((now, float(observation.command.as_array()[Input.HP])))
-        before, speed = self._plan[-1] if self._plan else (now, math.nan)
-        while len(self._sent) > 1 and self._sent[0][0] < now - vehicle.dead_time_hp - 1e-9:
-            self._sent.popleft()
-        target = vehicle.speed_gain * abs(self._sent[0][1])
-        if math.isnan(speed):
-            speed = target
-        share = 1.0 - math.exp((before - now) / vehicle.speed_time_constant)
-        speed += share * (target - speed)
-        self._plan.append((now, speed))
-        while self._plan[0][0] < now - _HISTORY_S - _SPAN_S:
-            self._plan.popleft()
-        return self._plan
-
-
-class _SpeedMonitor(Detector):
-    """Cumulative sum of the difference of a speed from that over ground, both means of a second.
-
-    The allowance holds for three standard deviations of the speed over ground, as with a noise of
-    the positions of 10 cm. With more noise the residual is that much smaller and gives no alarm.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        allowance: float,
-        limit: float,
-        ground: SpeedOverGround,
-        plan: PlannedSpeed,
-    ) -> None:
-        super().__init__(name, limit)
-        self._allowance, self._cusum = allowance, Cusum(allowance, limit)
-        self._ground, self._plan = ground, plan
-        self._speeds = 0.0, 0.0  # compared at last: the speed in question, over ground [m/s]
-
-    def warm_up(self) -> None:
-        median_slopes(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
-
-    def _compare(self, history: Iterable[tuple[float, float]], ground: GroundSpeed) -> None:
-        """Add the difference of the mean of a `history` of times and speeds over the span."""
-        mean = _mean(history, ground)
-        if not math.isnan(mean):
-            self._speeds = mean, ground.mps
-            residual = self._speeds[0] - ground.mps
-            explained = max(0.0, _SIGMAS * ground.sd_mps - self._allowance)
-            self._cusum.add(math.copysign(max(0.0, abs(residual) - explained), residual))
-            self.statistic, self.residual = self._cusum.largest, self._cusum.residual
-
-
-class WheelMonitor(_SpeedMonitor):
-    """Compares the speed of the driven wheels with that over ground.
-
-    Above: the wheels spin, or the encoder reads too much. Below: it reads too little, or backward.
-    The encoder is the one that is wrong where the speed over ground is nearer to the planned one.
-    """
-
-    def __init__(self, ground: SpeedOverGround, plan: PlannedSpeed) -> None:
-        super().__init__("wheels", WHEELS_ALLOWANCE, WHEELS, ground, plan)
-        self._encoder: deque[tuple[float, float]] = deque()
-        self._planned = math.nan  # over the span of the last comparison [m/s]
-
-    def observe(self, observation: Observation) -> None:
-        planned = self._plan.history(observation)
-        sign = -1.0 if observation.vehicle.reverse else 1.0
-        for sample in observation.of(Sensor.ENCODER):
-            if math.isfinite(sample.value[0]):
-                self._encoder.append((sample.time_s, sign * sample.value[0]))
-        while self._encoder and self._encoder[0][0] < observation.time_s - _HISTORY_S:
-            self._encoder.popleft()
-        ground = self._ground.speed(observation.samples)
-        if ground is not None:
-            self._planned = _mean(planned, ground)
-            self._compare(self._encoder, ground)
-
-    def alarm(self) -> Alarm:
-        """Return the alarm: of a wrong encoder, or of wheels that make no or too little way."""
-        wheels, speed = self._speeds
-        reason = f"wheels turn at {wheels:.2f} m/s, GNSS moves at {speed:.2f} m/s"
-        if abs(speed - self._planned) < abs(wheels - self._planned):
-            reason += f", planned {self._planned:.2f} m/s: encoder not used"
-            return Alarm(self.name, reason, Reaction.GO_ON, unused=frozenset({Sensor.ENCODER}))
-        spins = speed < _STANDS * wheels
-        return Alarm(self.name, reason, Reaction.STOP_ON_PATH if spins else Reaction.SLOW)
-
-
-class MotionMonitor(_SpeedMonitor):
-    """Compares the speed that the hydrostat's commands ask for with that over ground."""
-
-    def __init__(self, ground: SpeedOverGround, plan: PlannedSpeed) -> None:
-        super().__init__("motion", MOTION_ALLOWANCE, MOTION, ground, plan)
-
-    def observe(self, observation: Observation) -> None:
-        planned = self._plan.history(observation)
-        ground = self._ground.speed(observation.samples)
-        if ground is not None:
-            self._compare(planned, ground)
-
-    def alarm(self) -> Alarm:
-        """Return the alarm: a vehicle that does not move as commanded stops."""
-        planned, speed = self._speeds
-        reason = f"planned speed {planned:.2f} m/s, GNSS moves at {speed:.2f} m/s"
-        return Alarm(self.name, reason, Reaction.STOP_ON_PATH)
-
-
-def _mean(history: Iterable[tuple[float, float]], ground: GroundSpeed) -> float:
-    """Return the mean of the speeds of a `history` of times and speeds in a span, NaN if none."""
-    values = [value for time_s, value in history if ground.begin_s <= time_s <= ground.end_s]
-    return sum(values) / len(values) if values else math.nan
-
-
+STEERING_ALLOWANCE: Final = math.radians(1.25)
+STEERING: Final = 0.035  # [rad] of a valve that stands still
+STEERING_STOP: Final = 0.060  # [rad] of any valve
 # Dead time beyond that of the model, not learnt yet: three periods of the paper; assumed.
 _UNKNOWN_S: Final = 0.6
 _INTERVAL_S: Final = 0.1  # of dead times that share a residual
+_INTERVALS: Final = math.ceil((MAX_DEAD_TIME_S + _UNKNOWN_S) / _INTERVAL_S - 1e-9)
 _REFUTED_S: Final = 60.0  # for which an interval is out once its sum has passed the limit; assumed
 _STANDING_TICKS: Final = 3  # in which a valve that stands has not moved; assumed
 _STEP_S: Final = 0.02  # of the model's integration: an eighth of the paper's shortest lag
 _KEPT_S: Final = 1.0  # of the response, for samples that come late
-_SCATTER: Final = 25  # samples of which the noise is estimated: a second of the paper's sensors
+_LONGEST_S: Final = 10.0  # that is integrated in such steps; what lies before, in a single one
+_CHANGES: Final = 24  # of samples, of which the noise is estimated: a second of the paper's sensors
 _QUIET: Final = math.radians(1.0) / math.sqrt(5.0)  # sd of a mean of five of the paper's samples
 # The root mean square of the residuals, that of play and overlap of a valve, is one over a time; at
 # the start, and at most; all assumed.
 _PLAY_S: Final = 20.0
 _PLAY_AT_START: Final = math.radians(0.75)
 _MOST_PLAY: Final = math.radians(1.0)
-_STEERING_SENSORS: Final = {
-    Input.DELTA_T: Sensor.STEERING_TRACTOR,
-    Input.DELTA_I: Sensor.STEERING_TRAILER,
-}
-_NAMES: Final = {Input.DELTA_T: "front steering", Input.DELTA_I: "trailer steering"}
 
 
-@dataclass(slots=True)
-class _Interval:
-    """Dead times that share a residual."""
+# A history is an array (1 + entries, 3): a time [s] and two numbers each, in the order of arrival;
+# row 0 has their count. Room is for GNSS and control at 100 Hz and an encoder at 200 Hz; beyond
+# them the oldest entries are lost, and the spans shorter.
+MONITORS: Final = np.dtype(
+    [
+        ("limit", "f8", _COUNT),
+        ("statistic", "f8", _COUNT),
+        ("residual", "f8", _COUNT),  # latest value of what the statistic is made from, or NaN
+        ("present", "f8", (_COUNT, ALARM)),  # the alarm that each would give
+        ("begun_s", "f8", _COUNT),  # of the alarms that stand
+        ("standing", "f8"),  # how many of them
+        ("unused", "f8", len(SensorIndex)),  # 1: an alarm rules the sensor out for the next tick
+        # Time and value of the latest reading; repetitions since the last new value; readings and
+        # repetitions in good health
+        ("reading", "f8", (_SENSORS, 7)),
+        ("positions", "f8", (2, 1 + 102, 3)),  # x, y [m] of a second, by receiver
+        ("differences", "f8", (2, _DIFFERENCES)),  # unsigned, of second order: a ring; by size [m]
+        ("difference_count", "f8"),  # of all so far
+        ("sent", "f8", (1, 1 + 202, 3)),  # end and hydrostat position of each command
+        ("plan", "f8", (1, 1 + 402, 3)),  # speed [m/s] without a sign
+        ("encoder", "f8", (1, 1 + 602, 3)),  # speed [m/s], forward in the gear
+        ("speed_sums", "f8", (2, 2)),  # of motion and wheels: above, below
+        # By axis, front and trailer:
+        ("response", "f8", (2, 1 + 402, 3)),  # [rad] of the model without a dead time
+        ("valve", "f8", 2),  # [rad], its state
+        ("angle", "f8", 2),  # [rad]
+        ("mean", "f8", (2, _STANDING_TICKS)),  # of the samples of the last ticks [rad]
+        ("moved", "f8", 2),  # range of these means
+        ("sample", "f8", 2),  # the last one [rad]
+        ("changes", "f8", (2, _CHANGES)),  # squares, between recent samples: a ring
+        ("change_count", "f8", 2),  # of all so far
+        ("scale", "f8", 2),  # of noise and play, by which residuals are divided
+        ("mean_square", "f8", 2),  # of the residual
+        ("compared_s", "f8", 2),  # time of the last comparison, or of the first sample
+        # Sums above and below; residual; time at which a sum was above the limit; whether refuted
+        ("intervals", "f8", (2, _INTERVALS, 5)),
+        ("interval_count", "f8", 2),
+        ("windows", "f8", _INTERVALS + 1),  # workspace: means of the response
+        # Largest sum and residual of the least of all intervals; of those that are not refuted
+        ("least", "f8", (2, 2, 2)),
+        ("steered_s", "f8"),  # last tick of the steering monitors
+        ("innovations", "f8", (4, 1 + 102, 3)),  # sum of squares and entries of each tick
+    ]
+)
+"""What the built-in detectors remember, a flat array of `MONITORS.itemsize // 8` entries."""
 
-    sum: Cusum = field(default_factory=lambda: Cusum(STEERING_ALLOWANCE, STEERING_STOP))
-    refuted_s: float = -math.inf  # time at which its sum was above the limit
-    refuted: bool = False
+_STANDING_COUNT: Final = MONITORS.fields["standing"][1] // 8 if MONITORS.fields else 0
+
+MODEL: Final = np.dtype(
+    [
+        ("dead_time", "f8", 3),
+        ("lag", "f8", 2),
+        ("rate", "f8", 2),
+        ("speed_gain", "f8"),
+        ("speed_time_constant", "f8"),
+        ("sign", "f8"),  # -1 in reverse
+    ]
+)
+"""Model parameters that the built-in detectors use, a flat array as `Vehicle` has them."""
+
+INNOVATION_COLUMNS: Final = 7
+"""Of an `Innovation`: `SensorIndex`, its numbers, two whitened ones, log determinant."""
 
 
-class SteeringResponse:
-    """Compares one measured steering angle with the response of the model to the commands.
+def monitor_parameters(vehicle: Vehicle) -> FloatArray:
+    """Return the parameters of a vehicle as `MODEL` has them, flat."""
+    v = vehicle
+    lags, rates = (v.steering_lag_t, v.steering_lag_i), (v.steering_rate_t, v.steering_rate_i)
+    drive = v.speed_gain, v.speed_time_constant, -1.0 if v.reverse else 1.0
+    return np.array([*v.dead_times, *lags, *rates, *drive])
 
-    The model has the rate limit and the lag learnt so far. The dead time may not be learnt yet, or
-    wrongly: each interval of possible ones has a residual of its own, the distance of the mean
-    sample of a tick from what the response has covered in it, and a `Cusum` that sums it up. A
-    healthy valve agrees with one of the intervals for good, a stuck valve with none. One that the
-    valve contradicts while it follows another is refuted for a minute, or until the valve moves as
-    it says and as no other. The allowance grows with the noise of that mean, where it is above that
-    of the paper's sensor, and is at least twice the root mean square of the residuals of a valve
-    with play.
+
+def new_monitors() -> FloatArray:
+    """Return the record of the built-in detectors before their first tick, flat."""
+    flat = np.zeros(MONITORS.itemsize // 8)
+    record = flat.view(MONITORS)[0]
+    record["limit"] = [item.limit for item in _BUILT_IN]
+    record["residual"][DetectorIndex.STEERING :] = math.nan
+    record["present"][:, 0] = [item.reaction for item in _BUILT_IN]
+    record["mean"] = record["moved"] = math.inf  # of one that has not stood yet
+    record["valve"] = record["angle"] = record["sample"] = math.nan
+    record["reading"][:, 0] = record["steered_s"] = -math.inf
+    record["reading"][:, 1:4] = record["least"][..., 1] = math.nan
+    record["scale"], record["mean_square"] = 1.0, _PLAY_AT_START**2
+    return flat
+
+
+def no_alarms() -> FloatArray:
+    """Return rows of `ALARM` entries of the built-in detectors where none stands, (16, 4)."""
+    return np.tile([-1.0, 0.0, 0.0, 0.0], (_COUNT, 1))
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _remember(
+    history: FloatArray, oldest_s: float, time_s: float, first: float, second: float
+) -> None:
+    """Drop the entries before the first one from `oldest_s` on; add one unless its time is NaN."""
+    count, dropped, adds = int(history[0, 0]), 0, time_s == time_s
+    while dropped < count and history[1 + dropped, 0] < oldest_s:
+        dropped += 1
+    if adds and not dropped and count == len(history) - 1:
+        dropped = 1
+    if dropped:
+        count -= dropped
+        for n in range(1, count + 1):
+            for column in range(3):
+                history[n, column] = history[n + dropped, column]
+    if adds:
+        count += 1
+        history[count, 0], history[count, 1], history[count, 2] = time_s, first, second
+    history[0, 0] = count
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _mean(history: FloatArray, begin_s: float, end_s: float) -> float:
+    """Return the mean of the first numbers of a history in a span, NaN if there are none."""
+    total, count = 0.0, 0
+    for n in range(1, 1 + int(history[0, 0])):
+        if begin_s <= history[n, 0] <= end_s:
+            total += history[n, 1]
+            count += 1
+    return total / count if count else math.nan
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _median(values: FloatArray) -> float:
+    """Return the median of an array (n,), whose order changes: selection after Hoare (1961)."""
+    count, low, high = len(values), 0, len(values) - 1
+    middle = count // 2
+    while low < high:
+        pivot, left, right = values[(low + high) // 2], low, high
+        while left <= right:
+            while values[left] < pivot:
+                left += 1
+            while values[right] > pivot:
+                right -= 1
+            if left <= right:
+                values[left], values[right] = values[right], values[left]
+                left, right = left + 1, right - 1
+        if right < middle:
+            low = left
+        if middle < left:
+            high = right
+    if count % 2:
+        return values[middle]
+    below = values[0]
+    for n in range(1, middle):
+        below = max(below, values[n])
+    return (below + values[middle]) / 2.0
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def observe_monitors(
+    parameters: FloatArray,
+    monitors: FloatArray,
+    rows: FloatArray,
+    now: float,
+    command: FloatArray,
+    innovations: FloatArray,
+    alarms: FloatArray,
+) -> None:
+    """Advance all built-in detectors by a tick, in place.
+
+    An alarm begins where a statistic exceeds its limit and ends where it falls below half of it.
+
+    Repetitions: the noise of a sensor that works changes every reading. The samples of a sensor are
+    not used while it repeats itself; the first other reading ends the alarm. Samples under an old
+    time stamp do not count. The statistic of a sensor that repeats readings in good health is 0.
+
+    Speed over ground: the slope of the positions of a second over time, by Theil and Sen (Sen 1968,
+    JASA 63). Each axis has the median of the slopes between all pairs of positions, which a single
+    outlier does not move. A position farther from the last one than a vehicle goes is left out, for
+    a second at most, as is one of a time before it. The speed is the mean of the receivers that
+    have sent positions over 0.6 s, without a sign. Motion compares the speed that the hydrostat's
+    commands ask for with it, wheels that of the encoder, each in the mean of the same second. The
+    allowance holds for three standard deviations of the speed over ground, as with a noise of the
+    positions of 10 cm. With more noise the residual is that much smaller and gives no alarm.
+
+    Sums are cumulative ones to both sides (Page 1954, Biometrika 41),
+
+        g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k).
+
+    They grow where the mean residual r is above the allowance k, half of the shift to be detected.
+
+    Steering: a measured angle is compared with the response of the model to the commands, which has
+    the rate limit and the lag learnt so far. The dead time may not be learnt yet, or wrongly: each
+    interval of possible ones has a residual of its own, the distance of the mean sample of a tick
+    from what the response has covered in it, and a sum. A healthy valve agrees with one of the
+    intervals for good, a stuck valve with none: the statistic is the least of the sums [rad]. An
+    interval that the valve contradicts while it follows another is refuted for a minute, or until
+    the valve moves as it says and as no other. Standstill, as of a stuck valve, counts those alone
+    that are not refuted, all if there are none, and is 0 while the angle moves, so that it is
+    earlier; commands that are late or lost for a moment show as well. The allowance grows with the
+    noise of the mean, where it is above that of the paper's sensor, and is at least twice the root
+    mean square of the residuals of a valve with play.
+
+    Innovations: the sum S of the normalised squared innovations of a sensor over a second. For a
+    consistent filter it is chi-square with n degrees of freedom, the entries of all samples. The
+    statistic is its standard normal equivalent (Wilson and Hilferty 1931),
+
+        ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)),
+
+    0 where it is below its mean. A refused sample, of a false time for example, does not count.
+
+    Args:
+        parameters: flat record `MODEL`.
+        monitors: flat record `MONITORS`; changes.
+        rows: samples (n, `SAMPLE`) that arrived since the tick before, in the order of arrival.
+        now: time of the tick [s].
+        command: of the period before (3,), NaN where there was none.
+        innovations: of the samples of this tick (n, `INNOVATION_COLUMNS`).
+        alarms: rows of `ALARM` entries by `DetectorIndex` (16, 4); change.
     """
+    p, s = parameters.view(MODEL)[0], monitors.view(MONITORS)[0]
+    sent = command[0] == command[0]
 
-    def __init__(self, axis: Input) -> None:
-        self._front = axis is Input.DELTA_T
-        self._sensor = _STEERING_SENSORS[axis]
-        self._seen_s = -math.inf  # time of the last observation
-        self._intervals = [_Interval()]
-        # The least of the sums of all intervals; that of the intervals that are not refuted, of all
-        # if there are none: the last one is gone where a shorter dead time was learnt.
-        self.least = self.least_possible = self._intervals[0].sum
-        self._means = deque[float](maxlen=_STANDING_TICKS)  # of the samples of the last ticks [rad]
-        self._times: list[float] = []  # of the response [s]
-        self._angles: list[float] = []  # the response at these times [rad]
-        self._valve = self._angle = math.nan
-        self._sample = math.nan  # the last one [rad]
-        self._changes = deque[float](maxlen=_SCATTER - 1)  # squares, between recent samples
-        self._mean_square = _PLAY_AT_START**2  # of the residual
-        self._compared_s = math.nan  # time of the last comparison, or of the first sample
-        self._scale = 1.0  # of noise and play, by which residuals are divided
+    for row in range(len(rows)):
+        sensor, time_s = int(rows[row, 1]), rows[row, 0]
+        if sensor >= _SENSORS or not (s.reading[sensor, 0] < time_s < math.inf):
+            continue
+        same = True
+        for n in range(3):
+            same = same and s.reading[sensor, 1 + n] == rows[row, 2 + n]
+            s.reading[sensor, 1 + n] = rows[row, 2 + n]
+        s.reading[sensor, 0] = time_s
+        run, readings, repeated = s.reading[sensor, 4], s.reading[sensor, 5], s.reading[sensor, 6]
+        if same:
+            s.reading[sensor, 4] = run + 1.0
+            continue
+        judged = readings >= _LEAST_READINGS and repeated <= _LARGEST_SHARE * readings
+        if not judged or run <= s.limit[sensor]:
+            s.reading[sensor, 5] += run
+            s.reading[sensor, 6] += run
+        s.reading[sensor, 5] += 1.0
+        s.reading[sensor, 4] = 0.0
+    for sensor in range(_SENSORS):
+        run, readings, repeated = s.reading[sensor, 4], s.reading[sensor, 5], s.reading[sensor, 6]
+        judged = readings >= _LEAST_READINGS and repeated <= _LARGEST_SHARE * readings
+        run = run if judged else 0.0
+        s.statistic[sensor] = s.residual[sensor] = run
+        begins, ends = run > s.limit[sensor], run < _ENDS * s.limit[sensor]
+        s.unused[sensor] = 1.0 if begins or (alarms[sensor, 0] >= 0.0 and not ends) else 0.0
 
-    @property
-    def stands(self) -> bool:
-        """Whether the measured angle has not moved in the last ticks."""
-        means = self._means
-        return (
-            len(means) == _STANDING_TICKS
-            and max(means) - min(means) < STEERING_ALLOWANCE * self._scale
-        )
+    new = False
+    for row in range(len(rows)):
+        sensor, time_s, x, y = int(rows[row, 1]), rows[row, 0], rows[row, 2], rows[row, 3]
+        if sensor >= _SENSORS or s.unused[sensor] > 0.0 or not math.isfinite(time_s + x + y):
+            continue
+        if sensor == SensorIndex.ENCODER:
+            _remember(s.encoder[0], -math.inf, time_s, p.sign * x, 0.0)
+        if sensor > SensorIndex.GNSS_TRAILER:
+            continue
+        kept = s.positions[sensor]
+        _remember(kept, time_s - _SPAN_S - 1e-6, math.nan, 0.0, 0.0)
+        count = int(kept[0, 0])
+        if count:
+            span_s = time_s - kept[count, 0]
+            way = math.hypot(x - kept[count, 1], y - kept[count, 2])
+            if span_s <= 0.0 or way > _FASTEST_MPS * span_s + _LARGEST_ERROR_M:
+                continue
+        new = True
+        _remember(kept, -math.inf, time_s, x, y)
+        count = int(kept[0, 0])
+        for axis in range(1, 3 if count > 2 else 1):
+            bend = abs(kept[count, axis] - 2.0 * kept[count - 1, axis] + kept[count - 2, axis])
+            last, place = min(int(s.difference_count), _DIFFERENCES - 1), 0
+            slot = int(s.difference_count) % _DIFFERENCES
+            if s.difference_count >= _DIFFERENCES:  # the new one takes the place of the oldest
+                while s.differences[1, place] != s.differences[0, slot]:
+                    place += 1
+            else:
+                place = last
+            while place > 0 and s.differences[1, place - 1] > bend:
+                s.differences[1, place] = s.differences[1, place - 1]
+                place -= 1
+            while place < last and s.differences[1, place + 1] < bend:
+                s.differences[1, place] = s.differences[1, place + 1]
+                place += 1
+            s.differences[0, slot] = s.differences[1, place] = bend
+            s.difference_count += 1.0
+    _remember(s.encoder[0], now - _HISTORY_S, math.nan, 0.0, 0.0)
 
-    def observe(self, observation: Observation) -> None:
-        """Advance the model by the last command and compare it with the samples, once a tick."""
-        if observation.time_s <= self._seen_s:
-            return
-        self._seen_s = observation.time_s
-        if observation.command is not None:
-            self._advance(observation.time_s, observation.command, observation.vehicle)
-        of_sensor = observation.of(self._sensor)
-        samples = [sample for sample in of_sensor if math.isfinite(sample.value[0])]
-        if not samples:
-            return
-        values = [sample.value[0] for sample in samples]
-        mean = sum(values) / len(values)
-        if math.isnan(self._angle):
-            self._valve = self._angle = mean
-            self._times.append(observation.time_s)
-            self._angles.append(mean)
-            self._compared_s = observation.time_s
-            return
-        self._means.append(mean)
-        for value in values:
-            change = value - self._sample
-            if not math.isnan(change):
-                self._changes.append(change * change)
-            self._sample = value
-        sampled = [sample.time_s for sample in samples]
-        longest = self._dead_time(observation.vehicle) + _UNKNOWN_S
-        count = math.ceil(longest / _INTERVAL_S - 1e-9)
-        delays = [n * _INTERVAL_S for n in range(count + 1)]
-        means = [self._response(min(sampled) - s, max(sampled) - s) for s in delays]
-        if math.isnan(sum(means)):
-            return
-        while len(self._intervals) < count:
-            self._intervals.append(_Interval())
-        del self._intervals[count:]
-        play = 2.0 * math.sqrt(self._mean_square) / STEERING_ALLOWANCE
-        self._scale = max(1.0, play, self._noise(len(values)) / _QUIET)
-        for interval, (one, other) in zip(self._intervals, pairwise(means), strict=True):
-            residual = mean - min(max(mean, min(one, other)), max(one, other))
-            interval.sum.add(residual / self._scale)
-        self._refute(observation.time_s)
-        elapsed = observation.time_s - self._compared_s
-        square = min(self._scale * abs(self.least_possible.residual), _MOST_PLAY) ** 2
-        self._mean_square += min(1.0, elapsed / _PLAY_S) * (square - self._mean_square)
-        self._compared_s = observation.time_s
+    count = int(s.plan[0, 0, 0])
+    before = s.plan[0, count, 0] if count else -math.inf
+    if sent and before < now:
+        _remember(s.sent[0], now - p.dead_time[2] - 1e-9, now, command[2], 0.0)
+        target = p.speed_gain * abs(s.sent[0, 1, 1])
+        speed = s.plan[0, count, 1] if count else target
+        if math.isnan(speed):
+            speed = target
+        speed += (1.0 - math.exp((before - now) / p.speed_time_constant)) * (target - speed)
+        _remember(s.plan[0], now - _HISTORY_S - _SPAN_S, now, speed, 0.0)
 
-    def _refute(self, time_s: float) -> None:
-        self.least, self.least_possible = _least(self._intervals), self._possible()
-        follows = self.least_possible.largest <= STEERING
-        mistaken = not follows and self.least.largest <= STEERING and not self.stands
-        for item in self._intervals:
-            if follows and item.sum.largest > STEERING:
-                item.refuted_s = time_s
-            if mistaken:
-                item.refuted_s = -math.inf
-            item.refuted = time_s - item.refuted_s < _REFUTED_S
-        self.least_possible = self._possible()
+    newest, begin_s, end_s, ground, inverse, spans = 0.0, math.inf, -math.inf, 0.0, 0.0, 0
+    for receiver in range(2):
+        count = int(s.positions[receiver, 0, 0])
+        if count:
+            last_s = s.positions[receiver, count, 0]
+            newest = last_s if receiver == 0 else max(newest, last_s)
+    for receiver in range(2 if new else 0):
+        kept = s.positions[receiver]
+        count = int(kept[0, 0])
+        if (
+            not count
+            or kept[count, 0] - kept[1, 0] < _LEAST_S
+            or kept[count, 0] <= newest - _LEAST_S
+        ):
+            continue
+        spans += 1
+        begin_s, end_s = min(begin_s, kept[1, 0]), max(end_s, kept[count, 0])
+        slopes, square = np.empty(count * (count - 1) // 2), 0.0
+        for axis in range(1, 3):
+            pair = 0
+            for later in range(2, count + 1):
+                for earlier in range(1, later):
+                    way = kept[later, axis] - kept[earlier, axis]
+                    slopes[pair] = way / (kept[later, 0] - kept[earlier, 0])
+                    pair += 1
+            square += _median(slopes) ** 2
+        ground += math.sqrt(square)
+        centre = 0.0
+        for n in range(1, count + 1):
+            centre += kept[n, 0]
+        square = 0.0
+        for n in range(1, count + 1):
+            square += (kept[n, 0] - centre / count) ** 2
+        inverse += 1.0 / square
+    if spans:
+        ground /= spans
+        sd, count = 0.0, min(int(s.difference_count), _DIFFERENCES)
+        if count >= _LEAST_DIFFERENCES:
+            middle = s.differences[1, (count - 1) // 2] + s.differences[1, count // 2]
+            sd = _MEDIAN_TO_SD * 0.5 * middle * math.sqrt(inverse) / spans
+        planned = _mean(s.plan[0], begin_s, end_s)
+        wheels = _mean(s.encoder[0], begin_s, end_s)
+        for which in range(2):
+            index = DetectorIndex.MOTION + which
+            mean = wheels if which else planned
+            allowance, most = MOTION_ALLOWANCE, _SATURATION * MOTION
+            if which:
+                allowance, most = WHEELS_ALLOWANCE, _SATURATION * WHEELS
+                s.present[index, 3] = planned
+            if math.isnan(mean):
+                continue
+            s.present[index, 1], s.present[index, 2] = mean, ground
+            excess = abs(mean - ground) - max(0.0, _SIGMAS * sd - allowance)
+            residual = math.copysign(max(0.0, excess), mean - ground)
+            sums = s.speed_sums[which]
+            sums[0] = min(max(0.0, sums[0] + residual - allowance), most)
+            sums[1] = min(max(0.0, sums[1] - residual - allowance), most)
+            s.statistic[index], s.residual[index] = max(sums[0], sums[1]), residual
+        # The encoder is the one that is wrong where the speed over ground is nearer to the planned
+        # one; else the wheels make no or too little way.
+        wheels, ground = s.present[DetectorIndex.WHEELS, 1], s.present[DetectorIndex.WHEELS, 2]
+        reaction = _STOP_ON_PATH if ground < _STANDS * wheels else _SLOW
+        if abs(ground - planned) < abs(wheels - planned):
+            reaction = _GO_ON
+        s.present[DetectorIndex.WHEELS, 0] = reaction
 
-    def _possible(self) -> Cusum:
-        return _least([item for item in self._intervals if not item.refuted] or self._intervals)
+    later_tick = now > s.steered_s
+    s.steered_s = max(now, s.steered_s)
+    for axis in range(2 if later_tick else 0):
+        response, dead_time = s.response[axis], p.dead_time[axis]
+        count = int(response[0, 0])
+        if sent and count:
+            valve, angle, target = s.valve[axis], s.angle[axis], command[axis]
+            at = response[count, 0]
+            skipped = max(0.0, now - at - _LONGEST_S)
+            for part in range(0 if skipped > 0.0 else 1, 2):
+                steps, step = 1, skipped
+                if part:
+                    steps = max(1, math.ceil((now - at) / _STEP_S - 1e-9))
+                    step = (now - at) / steps
+                share, reach = 1.0 - math.exp(-step / p.lag[axis]), p.rate[axis] * step
+                for n in range(steps):
+                    valve = min(max(target, valve - reach), valve + reach)
+                    angle += share * (valve - angle)
+                    _remember(response, -math.inf, at + (n + 1) * step, angle, 0.0)
+                at += skipped
+            s.valve[axis], s.angle[axis] = valve, angle
+            oldest = now - dead_time - _UNKNOWN_S - _KEPT_S
+            _remember(response, oldest, math.nan, 0.0, 0.0)
 
-    def _response(self, begin_s: float, end_s: float) -> float:
-        """Return the mean response of a time, NaN where it is not kept or lies in the future."""
-        begin, end = bisect_left(self._times, begin_s - _STEP_S), bisect_right(self._times, end_s)
-        if begin_s < self._times[0] or end <= begin:
-            return math.nan
-        return sum(self._angles[begin:end]) / (end - begin)
+        mean, number, earliest, latest = 0.0, 0, math.inf, -math.inf
+        for row in range(len(rows)):
+            sensor, time_s, value = int(rows[row, 1]), rows[row, 0], rows[row, 2]
+            if sensor != SensorIndex.STEERING_TRACTOR + axis or s.unused[sensor] > 0.0:
+                continue
+            if math.isfinite(time_s + value):
+                mean += value
+                number += 1
+                earliest, latest = min(earliest, time_s), max(latest, time_s)
+                if not math.isnan(s.angle[axis]):
+                    if not math.isnan(s.sample[axis]):
+                        slot = int(s.change_count[axis]) % _CHANGES
+                        s.changes[axis, slot] = (value - s.sample[axis]) ** 2
+                        s.change_count[axis] += 1.0
+                    s.sample[axis] = value
+        if not number:
+            continue
+        mean /= number
+        if math.isnan(s.angle[axis]):
+            s.valve[axis] = s.angle[axis] = mean
+            _remember(response, -math.inf, now, mean, 0.0)
+            s.compared_s[axis] = now
+            continue
+        low, high = mean, mean
+        for n in range(1, _STANDING_TICKS):
+            low, high = min(low, s.mean[axis, n]), max(high, s.mean[axis, n])
+            s.mean[axis, n - 1] = s.mean[axis, n]
+        s.mean[axis, _STANDING_TICKS - 1] = mean
+        s.moved[axis] = high - low
 
-    def _noise(self, count: int) -> float:
-        """Return the sd of the mean of `count` samples, from the differences of recent ones."""
-        return math.sqrt(sum(self._changes) / (2.0 * max(1, len(self._changes)) * count))
+        intervals = min(_INTERVALS, math.ceil((dead_time + _UNKNOWN_S) / _INTERVAL_S - 1e-9))
+        count = int(response[0, 0])
+        first, last, known = count + 1, count, True
+        for n in range(intervals + 1):
+            delay = n * _INTERVAL_S
+            while first > 1 and response[first - 1, 0] >= earliest - delay - _STEP_S:
+                first -= 1
+            while last > 0 and response[last, 0] > latest - delay:
+                last -= 1
+            known = known and response[1, 0] <= earliest - delay and first <= last
+            total = 0.0
+            for entry in range(first, last + 1):
+                total += response[entry, 1]
+            s.windows[n] = total / (last + 1 - first)
+        if not known:
+            continue
+        sums = s.intervals[axis]
+        for n in range(int(s.interval_count[axis]), intervals):
+            sums[n, 0] = sums[n, 1] = sums[n, 4] = 0.0
+            sums[n, 3] = -math.inf
+        s.interval_count[axis] = intervals
+        total, changes = 0.0, min(int(s.change_count[axis]), _CHANGES)
+        for n in range(changes):
+            total += s.changes[axis, n]
+        noise = math.sqrt(total / (2.0 * max(1, changes) * number))
+        play = 2.0 * math.sqrt(s.mean_square[axis]) / STEERING_ALLOWANCE
+        scale = s.scale[axis] = max(1.0, play, noise / _QUIET)
+        most = _SATURATION * STEERING_STOP
+        for n in range(intervals):
+            low = min(s.windows[n], s.windows[n + 1])
+            high = max(s.windows[n], s.windows[n + 1])
+            residual = sums[n, 2] = (mean - min(max(mean, low), high)) / scale
+            sums[n, 0] = min(max(0.0, sums[n, 0] + residual - STEERING_ALLOWANCE), most)
+            sums[n, 1] = min(max(0.0, sums[n, 1] - residual - STEERING_ALLOWANCE), most)
+        for part in range(3):  # the least of all; of those that are possible, before and after
+            possible = False
+            for n in range(intervals):
+                possible = possible or (part > 0 and sums[n, 4] == 0.0)
+            best, residual = math.inf, math.nan
+            for n in range(intervals):
+                largest = max(sums[n, 0], sums[n, 1])
+                if possible and sums[n, 4] > 0.0:
+                    continue
+                if largest < best or (largest == best and abs(sums[n, 2]) < abs(residual)):
+                    best, residual = largest, sums[n, 2]
+            s.least[axis, min(part, 1), 0], s.least[axis, min(part, 1), 1] = best, residual
+            if part == 1:
+                follows = best <= STEERING
+                mistaken = not follows and s.least[axis, 0, 0] <= STEERING
+                mistaken = mistaken and s.moved[axis] >= STEERING_ALLOWANCE * scale
+                for n in range(intervals):
+                    if follows and max(sums[n, 0], sums[n, 1]) > STEERING:
+                        sums[n, 3] = now
+                    if mistaken:
+                        sums[n, 3] = -math.inf
+                    sums[n, 4] = 1.0 if now - sums[n, 3] < _REFUTED_S else 0.0
+        square = min(scale * abs(s.least[axis, 1, 1]), _MOST_PLAY) ** 2
+        weight = min(1.0, (now - s.compared_s[axis]) / _PLAY_S)
+        s.mean_square[axis] += weight * (square - s.mean_square[axis])
+        s.compared_s[axis] = now
+    for axis in range(2):
+        stands = s.moved[axis] < STEERING_ALLOWANCE * s.scale[axis]
+        for which in range(2):
+            index = DetectorIndex.STEERING + 2 * which + axis
+            statistic = s.least[axis, which, 0]
+            s.statistic[index] = statistic if which == 0 or stands else 0.0
+            s.residual[index] = s.least[axis, which, 1]
 
-    def _dead_time(self, vehicle: Vehicle) -> float:
-        return vehicle.dead_time_t if self._front else vehicle.dead_time_i
+    for n in range(4):
+        kept, sensor = s.innovations[n], (n if n < 2 else n + 2)
+        total, entries = 0.0, 0.0
+        for row in range(len(innovations)):
+            if innovations[row, 0] == sensor and math.isfinite(innovations[row, 1]):
+                total += min(innovations[row, 1], _MOST_SQUARE)
+                entries += innovations[row, 2]
+        _remember(kept, now - _SPAN_S + 1e-6, now if entries else math.nan, total, entries)
+        index = DetectorIndex.INNOVATIONS + n
+        total, entries = 0.0, 0.0
+        for row in range(1, 1 + int(kept[0, 0])):
+            total += kept[row, 1]
+            entries += kept[row, 2]
+        s.statistic[index], s.residual[index] = 0.0, math.nan
+        if entries:
+            spread = 2.0 / (9.0 * entries)
+            equivalent = ((total / entries) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
+            s.statistic[index] = s.residual[index] = max(0.0, equivalent)
 
-    def _advance(self, time_s: float, command: Command, vehicle: Vehicle) -> None:
-        """Continue the response without a dead time to `time_s` under the last `command`."""
-        if not self._times:
-            return
-        now, valve, angle = self._times[-1], self._valve, self._angle
-        target = command.delta_t if self._front else command.delta_i
-        lag = vehicle.steering_lag_t if self._front else vehicle.steering_lag_i
-        rate = vehicle.steering_rate_t if self._front else vehicle.steering_rate_i
-        steps = max(1, math.ceil((time_s - now) / _STEP_S - 1e-9))
-        step = (time_s - now) / steps
-        share, reach = 1.0 - math.exp(-step / lag), rate * step
-        for n in range(steps):
-            valve = min(max(target, valve - reach), valve + reach)
-            angle += share * (valve - angle)
-            self._times.append(now + (n + 1) * step)
-            self._angles.append(angle)
-        self._valve, self._angle = valve, angle
-        dropped = bisect_left(self._times, time_s - self._dead_time(vehicle) - _UNKNOWN_S - _KEPT_S)
-        del self._times[:dropped], self._angles[:dropped]
-
-
-def _least(intervals: Sequence[_Interval]) -> Cusum:
-    sums = [item.sum for item in intervals]
-    return min(sums, key=lambda item: (item.largest, abs(item.residual)))
-
-
-class SteeringMonitor(Detector):
-    """Notices a valve that does not follow its command, whatever its dead time.
-
-    The statistic is the least of the sums of residuals [rad].
-    """
-
-    def __init__(self, axis: Input, response: SteeringResponse) -> None:
-        super().__init__(_NAMES[axis], STEERING_STOP)
-        self._what, self._response = _NAMES[axis], response
-
-    def observe(self, observation: Observation) -> None:
-        self._response.observe(observation)
-        least = self._response.least
-        self.statistic, self.residual = least.largest, least.residual
-
-    def alarm(self) -> Alarm:
-        return Alarm(self.name, f"{self._what} does not follow its command", Reaction.STOP)
+    s.standing = 0.0
+    for index in range(_COUNT):
+        if s.statistic[index] > s.limit[index]:
+            if alarms[index, 0] < 0.0:
+                s.begun_s[index] = now
+                for n in range(ALARM):
+                    alarms[index, n] = s.present[index, n]
+        elif s.statistic[index] < _ENDS * s.limit[index]:
+            alarms[index, 0] = -1.0
+        if alarms[index, 0] >= 0.0:
+            s.standing += 1.0
+    if alarms[DetectorIndex.WHEELS, 0] == _GO_ON:
+        s.unused[SensorIndex.ENCODER] = 1.0
 
 
-class StandstillMonitor(SteeringMonitor):
-    """Notices steering that stands still while its command asks for motion, as with a stuck valve.
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """What is constant of a built-in detector; its reason names the numbers of an alarm."""
 
-    Only dead times that the valve has not contradicted so far count, so that it is earlier than
-    `SteeringMonitor`: the statistic is the least of their sums [rad], 0 while the angle moves.
-    Commands that are late or lost for a moment show as well.
-    """
+    name: str
+    limit: float
+    reaction: Reaction
+    reason: str
+    allowance: float = math.nan  # of its cumulative sum; NaN where it has none
+    unused: frozenset[Sensor] = frozenset()
 
-    def __init__(self, axis: Input, response: SteeringResponse) -> None:
-        super().__init__(axis, response)
-        self.name, self.limit = f"{self._what} at standstill", STEERING
-
-    def observe(self, observation: Observation) -> None:
-        self._response.observe(observation)
-        least = self._response.least_possible
-        self.statistic = least.largest if self._response.stands else 0.0
-        self.residual = least.residual
-
-    def alarm(self) -> Alarm:
-        """Return the alarm: the vehicle slows down until it is known whether the valve is stuck."""
-        return Alarm(self.name, f"{self._what} stands still against its command", Reaction.SLOW)
+    def alarm(self, row: FloatArray) -> Alarm:
+        """Return the alarm of a row of `ALARM` entries."""
+        reaction, *numbers = row.tolist()
+        reason, unused = self.reason.format(*numbers), self.unused
+        if self.name == "wheels" and reaction == Reaction.GO_ON:
+            reason += f", planned {numbers[2]:.2f} m/s: encoder not used"
+            unused = frozenset({Sensor.ENCODER})
+        return Alarm(self.name, reason, Reaction(int(reaction)), unused)
 
 
-_SENSORS: Final = {
+_NAMES: Final = {
     Sensor.GNSS_TRACTOR: "GNSS of the tractor",
     Sensor.GNSS_TRAILER: "GNSS of the trailer",
     Sensor.STEERING_TRACTOR: "front steering angle",
@@ -765,22 +740,170 @@ _SENSORS: Final = {
     Sensor.HITCH: "hitch angle",
     Sensor.ENCODER: "encoder",
 }
+_VALVES: Final = "front steering", "trailer steering"
+# The steering angles have monitors of their own, since a dead time that was not learnt yet makes
+# their innovations large. Innovations of the others grow with a fault of the sensor, and as much
+# with wrong lengths or an assumed noise that is too small: the vehicle goes on, and learns.
+_WEIGHED: Final = Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER, Sensor.HITCH, Sensor.ENCODER
+_SPEEDS: Final = "GNSS moves at {1:.2f} m/s"
 
 
-def detectors() -> tuple[Detector, ...]:
-    """Return new detectors, each before its first tick.
+def _kinds() -> Iterator[_Kind]:
+    for sensor, what in _NAMES.items():
+        reason = f"{what} repeats one reading: not used"
+        name = f"readings of the {what}"
+        unused = frozenset({sensor})
+        yield _Kind(name, REPETITIONS, Reaction.GO_ON, reason, unused=unused)
+    for what in _VALVES:
+        reason = f"{what} does not follow its command"
+        yield _Kind(what, STEERING_STOP, Reaction.STOP, reason, STEERING_ALLOWANCE)
+    for what in _VALVES:  # slow, until it is known whether the valve is stuck
+        name, reason = f"{what} at standstill", f"{what} stands still against its command"
+        yield _Kind(name, STEERING, Reaction.SLOW, reason, STEERING_ALLOWANCE)
+    reason = "planned speed {0:.2f} m/s, " + _SPEEDS
+    yield _Kind("motion", MOTION, Reaction.STOP_ON_PATH, reason, MOTION_ALLOWANCE)
+    reason = "wheels turn at {0:.2f} m/s, " + _SPEEDS
+    yield _Kind("wheels", WHEELS, Reaction.SLOW, reason, WHEELS_ALLOWANCE)
+    for sensor, limit in zip(_WEIGHED, INNOVATION, strict=True):
+        what = _NAMES[sensor]
+        reason = f"{what} contradicts the estimate"
+        yield _Kind(f"innovations of the {what}", limit, Reaction.GO_ON, reason)
 
-    The steering angles have monitors of their own, since a dead time that was not learnt yet makes
-    their innovations large. Innovations of the others grow with a fault of the sensor, and as much
-    with wrong lengths or an assumed noise that is too small: the vehicle goes on, and learns.
+
+_BUILT_IN: Final = tuple(_kinds())
+_BUILT_IN_NAMES: Final = tuple(kind.name for kind in _BUILT_IN)
+
+
+class BuiltIn(Detector):
+    """View of a built-in detector on the record that all of them share; `Monitors` advances it."""
+
+    def __init__(self, index: int, record: FloatArray) -> None:
+        self.index, self.record = index, record  # `DetectorIndex`; `MONITORS`, flat
+        self.name, self.allowance = _BUILT_IN[index].name, _BUILT_IN[index].allowance
+
+    def _get(self, name: str) -> float:
+        return float(self.record.view(MONITORS)[name][0, self.index])
+
+    @property
+    def limit(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Limit above which an alarm begins."""
+        return self._get("limit")
+
+    @property
+    def statistic(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Present value, 0 or above."""
+        return self._get("statistic")
+
+    @property
+    def residual(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Latest value of what the statistic is made from, NaN where there is none."""
+        return self._get("residual")
+
+    def alarm(self) -> Alarm:
+        """Return the alarm for the present statistic."""
+        return _BUILT_IN[self.index].alarm(self.record.view(MONITORS)["present"][0, self.index])
+
+
+def detectors() -> tuple[BuiltIn, ...]:
+    """Return new built-in detectors, by `DetectorIndex`, before their first tick."""
+    record = new_monitors()
+    return tuple(BuiltIn(index, record) for index in range(_COUNT))
+
+
+_NUMBERS: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in Sensor}
+
+
+def innovation_rows(innovations: Sequence[Innovation]) -> FloatArray:
+    """Return rows of `INNOVATION_COLUMNS` numbers, NaN where a whitened one is not known, (n, 7).
+
+    Those of unknown sensors are left out.
     """
-    ground, plan = SpeedOverGround(), PlannedSpeed()
-    responses = [(axis, SteeringResponse(axis)) for axis in (Input.DELTA_T, Input.DELTA_I)]
-    return (
-        *(RepetitionMonitor(what, sensor) for sensor, what in _SENSORS.items()),
-        *(SteeringMonitor(axis, response) for axis, response in responses),
-        *(StandstillMonitor(axis, response) for axis, response in responses),
-        MotionMonitor(ground, plan),
-        WheelMonitor(ground, plan),  # may rule out the encoder, which those above do not use
-        *(InnovationMonitor(_SENSORS[sensor], sensor) for sensor in INNOVATION),
-    )
+    rows = [
+        (_NUMBERS[i.sensor], *i[1:4], *(*i.whitened, math.nan, math.nan)[:2], i.log_determinant)
+        for i in innovations
+        if i.sensor in _NUMBERS
+    ]
+    return np.array(rows, dtype=float).reshape(-1, INNOVATION_COLUMNS)
+
+
+_NO_COMMAND: Final = np.full(len(Input), math.nan)
+
+
+class Monitors:
+    """Runs detectors and keeps their alarms until the causes end.
+
+    An alarm begins where a statistic exceeds its limit and ends where it falls below half of it.
+    A detector does not see the samples that are not to be used by an alarm of one before it. The
+    built-in ones, all or some of them, run at once, where the first of them stands.
+
+    Raises:
+        InvalidTuning: built-in detectors of several calls of `detectors`.
+    """
+
+    def __init__(self, detectors: Sequence[Detector]) -> None:
+        self.detectors = tuple(detectors)
+        views = [item for item in detectors if isinstance(item, BuiltIn)]
+        self._record = views[0].record if views else np.empty(0)  # `MONITORS`
+        if any(item.record is not self._record for item in views):
+            raise InvalidTuning("detect: the built-in detectors must be of one call of detectors()")
+        # One that is left out watches without an alarm.
+        for index in {*range(_COUNT)} - {item.index for item in views} if views else ():
+            self._record.view(MONITORS)["limit"][0, index] = math.inf
+        self._steps = [item for item in detectors if item in views[:1] or item not in views]
+        self._rows = no_alarms()
+        self._vehicle: Vehicle | None = None
+        self._parameters = np.empty(0)  # `MODEL` of that vehicle
+        self._active: dict[str, Alarm] = {}  # by detector, in the order of their begins
+
+    def warm_up(self) -> None:
+        """Compile or load what `observe` needs; changes no later result."""
+        nothing, parameters = np.empty((0, SAMPLE)), monitor_parameters(Vehicle())
+        if self._record.size:
+            none = np.empty((0, INNOVATION_COLUMNS))
+            state = parameters, self._record.copy()
+            observe_monitors(*state, nothing, 0.0, _NO_COMMAND, none, no_alarms())
+        for detector in self.detectors:
+            if isinstance(detector, WarmingUp):
+                detector.warm_up()
+
+    def observe(self, observation: Observation) -> tuple[Alarm, ...]:
+        """Return the alarms that stand after the data of a tick, in the order of their begins."""
+        for detector in self._steps:
+            names: tuple[str, ...] = (detector.name,)
+            if isinstance(detector, BuiltIn):
+                self._observe(observation)
+                names = _BUILT_IN_NAMES
+            else:
+                detector.observe(observation)
+                if detector.statistic > detector.limit:
+                    self._active.setdefault(detector.name, detector.alarm())
+                elif detector.statistic < _ENDS * detector.limit:
+                    self._active.pop(detector.name, None)
+            alarms = [alarm for name, alarm in self._active.items() if name in names]
+            samples = _without(observation.samples, alarms)
+            if samples is not observation.samples:
+                observation = replace(observation, samples=samples)
+        return tuple(self._active.values())
+
+    def _observe(self, now: Observation) -> None:
+        if now.vehicle is not self._vehicle:
+            self._vehicle, self._parameters = now.vehicle, monitor_parameters(now.vehicle)
+        command = _NO_COMMAND if now.command is None else now.command.as_array()
+        samples, innovations = sample_rows(now.samples), innovation_rows(now.estimate.innovations)
+        state = self._parameters, self._record
+        observe_monitors(*state, samples, now.time_s, command, innovations, self._rows)
+        if self._active or self._record[_STANDING_COUNT]:
+            for kind, row in zip(_BUILT_IN, self._rows, strict=True):
+                if row[0] < 0.0:
+                    self._active.pop(kind.name, None)
+                elif kind.name not in self._active:
+                    self._active[kind.name] = kind.alarm(row)
+
+    def usable(self, samples: Sequence[Measurement]) -> Sequence[Measurement]:
+        """Return the samples without those of sensors that an alarm rules out."""
+        return _without(samples, self._active.values())
+
+
+def _without(samples: Sequence[Measurement], alarms: Iterable[Alarm]) -> Sequence[Measurement]:
+    unused = {sensor for alarm in alarms for sensor in alarm.unused}
+    return [sample for sample in samples if sample.sensor not in unused] if unused else samples

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -386,13 +387,19 @@ class ArticulatedLaw(FeedbackLaw):
             mine, other = self._memory.view(MEMORY)[0], previous._memory.view(MEMORY)[0]
             mine["correlation"], mine["feedback"] = other["correlation"], other["feedback"]
 
-    def act(self, k: int, estimate: FloatArray, sent: FloatArray, tick: FloatArray) -> None:
-        """Write the actions of tick `k` into the record `TICK`; the rest is as of `propose`."""
+    def act(
+        self,
+        k: int,
+        row: FloatArray,
+        view: Callable[[], Estimate],
+        sent: FloatArray,
+        tick: FloatArray,
+    ) -> None:
         mpc, stages, work = self.mpc, self.horizon.stages, self.mpc.work
         outcome = propose(
-            k, estimate, sent, self.law, stages, work, self._memory, self._kept, tick, mpc.most
+            k, row, sent, self.law, stages, work, self._memory, self._kept, tick, mpc.most
         )
-        self._last, self._report = (estimate, sent), None
+        self._last, self._report = (row, sent), None
         if outcome < 0:
             self._report, excess = mpc.answer(k, outcome)
             report, record = self._report, tick.view(TICK)[0]
@@ -417,7 +424,7 @@ class ArticulatedLaw(FeedbackLaw):
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         tick = new_tick()
-        self.act(k, estimate_row(estimate), sent, tick)
+        self.act(k, estimate_row(estimate), lambda: estimate, sent, tick)
         return self.diagnostics(k, tick)
 
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:

@@ -429,8 +429,8 @@ class PersistentSolver:
         self._name = solver
         self._solver = _SOLVERS[solver]()
 
-    def __deepcopy__(self, memo: object) -> PersistentSolver:
-        return PersistentSolver(self._name)  # the solvers of the packages cannot be copied
+    def __reduce__(self) -> tuple[type[PersistentSolver], tuple[str]]:
+        return PersistentSolver, (self._name,)  # the solvers of the packages cannot be copied
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or the reason for which there is none."""

@@ -12,20 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from ttempc.guidance.detection import (
-    MOTION_ALLOWANCE,
-    STEERING_ALLOWANCE,
-    WHEELS_ALLOWANCE,
-    Alarm,
-    InnovationMonitor,
-    MotionMonitor,
-    Reaction,
-    RepetitionMonitor,
-    StandstillMonitor,
-    SteeringMonitor,
-    WheelMonitor,
-    detectors,
-)
+from ttempc.guidance.detection import Alarm, DetectorIndex, Reaction, detectors
 from ttempc.types import FloatArray
 
 from ....testbed.recording.channels import STATE
@@ -223,15 +210,9 @@ def _total(counts: Iterable[dict[str, int]]) -> Counter[str]:
 
 _CALIBRATION_DRIVES: Final = 6  # of each scenario
 FALSE_ALARM_S: Final = 36_000.0  # at most one false alarm of all detectors in this time
-_ALLOWANCES: Final = {
-    SteeringMonitor: STEERING_ALLOWANCE,
-    StandstillMonitor: STEERING_ALLOWANCE,
-    MotionMonitor: MOTION_ALLOWANCE,
-    WheelMonitor: WHEELS_ALLOWANCE,
-}
 _BLOCK_S: Final = 10.0  # of the maxima
 _PER_S: Final = 5  # ticks
-_COUNT: Final = sum(not isinstance(item, RepetitionMonitor) for item in detectors())
+_COUNT: Final = sum(item.index >= DetectorIndex.STEERING for item in detectors())
 
 
 def residuals(case: Case) -> Row:
@@ -290,13 +271,13 @@ def limit_table(runs: pd.DataFrame) -> str:
     }
     rows = []
     for n, detector in enumerate(detectors()):
-        if isinstance(detector, RepetitionMonitor):
+        if detector.index < DetectorIndex.STEERING:
             continue
         columns = {name: values[:, n] for name, values in by_field.items()}
         limits = {
             name: maximum_limit(column)
-            if isinstance(detector, InnovationMonitor)
-            else sum_limit(column, _ALLOWANCES[type(detector)])
+            if math.isnan(detector.allowance)
+            else sum_limit(column, detector.allowance)
             for name, column in columns.items()
         }
         worst = max(limits, key=limits.__getitem__)

@@ -14,12 +14,9 @@ from proving_ground.experiments.gym_env.environment import LARGEST_COST, FieldTr
 from proving_ground.experiments.gym_env.policy import ESTIMATE_NAMES, bounds
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import (
-    CONTROL,
-    STATE,
-    TRACKING,
-    state_row,
-)
+from proving_ground.testbed.recording.channels import CONTROL, STATE, TRACKING
+
+from tests.testbed.truths import state_row
 
 ENVIRONMENT = "proving_ground.experiments.gym_env:ttempc/FieldTrial-v1"
 STRAIGHT = ("path={kind='straight', length_m=6}",)

@@ -11,8 +11,9 @@ from proving_ground.experiments.gym_env.environment import FieldTrial
 from proving_ground.experiments.papers.pages import ROOT
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, STATE, state_row
+from proving_ground.testbed.recording.channels import CONTROL, STATE
 
+from tests.testbed.truths import state_row
 from ttempc import Vehicle
 
 STRAIGHT = ("path={kind='straight', length_m=6}",)

@@ -149,6 +149,7 @@ def test_summary_has_exactly_the_keys_of_the_interface():
         "timing": dict.fromkeys(costs, spread) | {"real_time_factor": None},
         "inputs": dict.fromkeys(("delta_t", "delta_i", "hp"), use),
         "slip": dict.fromkeys(("rear_mean", "rear_p95", "trailer_slip_angle_p95_rad")),
+        "entry": None,
         "extremes": dict.fromkeys(("tilt_rad", "fold_rad")),
     }
 
@@ -197,3 +198,38 @@ def test_the_table_tells_the_cross_track_error_of_the_working_point_first():
         keys = ("cross_p95_m", "cross_sd_m", "cross_mean_m", "along_mean_m", "along_sd_m")
         expected = [centimetres(getattr(error, key)) for key in keys]
         assert shown["whole path", body] == expected
+
+
+def test_an_entry_has_the_overshoot_and_the_way_of_each_point_in_closed_form():
+    run = record(straight, duration_s=50.0)
+    table = run[STATE]
+    assert summarise(run, FACTS).entry is None
+    way, values = table.time_s, table.values.copy()  # at 1 m/s
+    decay = 1.5 * np.exp(-way / 4.0) * np.cos(0.5 * way)
+    for name, share in (("y_t_m", 1.0), ("y_i_m", -0.5)):
+        values[:, STATE.fields.index(name)] += share * decay
+    entry = summarise(with_table(run, replace(table, values=values)), FACTS).entry
+    # the extremes of exp(-s/4) cos(s/2) are where tan(s/2) = -1/2, half periods apart
+    first = 2.0 * (math.pi - math.atan(0.5))
+    lowest = 1.5 * math.exp(-first / 4.0) * abs(math.cos(0.5 * first))
+    assert entry.tractor.overshoot_m == pytest.approx(lowest, abs=1e-3)
+    assert entry.trailer.overshoot_m == pytest.approx(0.5 * lowest, abs=1e-3)
+    driven = np.interp(
+        way,
+        way,
+        np.concatenate(
+            [
+                [0.0],
+                np.cumsum(
+                    np.hypot(
+                        *np.diff(
+                            values[:, [STATE.fields.index(n) for n in ("x_t_m", "y_t_m")]], axis=0
+                        ).T
+                    )
+                ),
+            ]
+        ),
+    )
+    last = way[np.flatnonzero(np.abs(decay) > 0.1)[-1]]
+    assert entry.tractor.settled_m == pytest.approx(np.interp(last, way, driven), abs=0.05)
+    assert entry.trailer.settled_m < entry.tractor.settled_m

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,13 +15,16 @@ from proving_ground.experiments.run.assembly import assemble, check
 from proving_ground.experiments.run.corridor_judge import CorridorJudge
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CORRIDOR, REFERENCE
+from proving_ground.testbed.truth import Tool
 
 from tests.records import record, table_of
+from tests.testbed.truths import moments, truth
 from ttempc.errors import InvalidTuning
 from ttempc.reference.corridor import Corridor
 
 FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {}, None)
 BEHIND = 2.4
+ONE = np.ones(1)
 
 
 def reference_on_circle(radius, times):
@@ -51,11 +53,11 @@ def truth_at(s, left, radius, behind=None):
         x, y = x - behind * math.cos(psi), y - behind * math.sin(psi)
         outer = math.hypot(radius, behind)
         scale = (outer - left) / outer
-        tool = SimpleNamespace(x=scale * x, y=radius + scale * (y - radius), lowered=1.0)
-    tractor, trailer = (
-        SimpleNamespace(x=x, y=y) for x, y in (place(at, radius, left) for at in (s, s - BEHIND))
-    )
-    return SimpleNamespace(tractor=tractor, trailer=trailer, tool=tool)
+        point = scale * x, radius + scale * (y - radius), 0.0
+        tool = Tool(*point, behind, lowered=1.0, distance=s, depth=ONE, draft=ONE, side=ONE)
+    points = (place(at, radius, left) for at in (s, s - BEHIND))
+    tractor, trailer = ({"x": x, "y": y} for x, y in points)
+    return truth(tractor, trailer, tool=tool)
 
 
 def test_offsets_are_distances_from_the_path_whatever_the_time():
@@ -65,7 +67,8 @@ def test_offsets_are_distances_from_the_path_whatever_the_time():
     corridor = Corridor(0.1, ((10.0, 20.0),), hitch_limit=0.5, tool_behind_m=0.6)
     judge = CorridorJudge(corridor, rows, times)
     for time in np.arange(4.0, 39.0, 0.7):
-        half_width, *offsets, limit = judge.row(truth_at(time - 1.3, 0.07, radius, behind=0.6))
+        driven = moments(truth_at(time - 1.3, 0.07, radius, behind=0.6))
+        ((half_width, *offsets, limit),) = judge.rows(driven)
         np.testing.assert_allclose(offsets, 0.07, atol=1e-4)
         assert limit == 0.5
         assert (half_width == 0.1) == (10.0 <= time - 1.3 < 20.0)

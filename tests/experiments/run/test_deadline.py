@@ -1,5 +1,6 @@
 """Deadline of a step: commands that come late, and steps that do not return."""
 
+import signal
 import time
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.deadline import CommandQueue, time_limit
+from proving_ground.testbed.simulation.deadline import CommandQueue, Deadline
 
 from ttempc.types import Command
 
@@ -19,42 +20,60 @@ def test_commands_act_from_their_steps_on_and_never_overtake():
     queue = CommandQueue()
     first, late, prompt = (Command(0.0, 0.0, hp) for hp in (0.1, 0.2, 0.3))
     queue.send(first, 50)
-    assert queue.acting(0) is first
+    assert queue.spans(0, 1, 20) == [(first, 1)]
     queue.send(late, 230)
     queue.send(prompt, 200)
-    assert [queue.acting(step) for step in (100, 229, 230)] == [first, first, prompt]
+    assert queue.spans(100, 9, 20) == [(first, 7), (prompt, 2)]
 
 
-def test_a_call_that_does_not_return_is_ended_in_the_main_thread():
-    def never():
-        while True:
-            pass
+def test_commands_that_come_due_within_a_period_split_it():
+    queue = CommandQueue()
+    first, late = Command(0.0, 0.0, 0.1), Command(0.0, 0.0, 0.2)
+    queue.send(first, 0)
+    assert queue.spans(0, 5, 20) == [(first, 5)]
+    queue.send(late, 150)
+    assert queue.spans(100, 5, 20) == [(first, 3), (late, 2)]
+    assert queue.spans(200, 5, 20) == [(late, 5)]
 
-    begun = time.monotonic()
-    with pytest.raises(TimeoutError, match=r"did not return within 0\.05 s"), time_limit(0.05):
-        never()
-    assert time.monotonic() - begun < 5.0
-    with time_limit(0.05):
+
+def busy():
+    while True:
         pass
-    time.sleep(0.1)  # no alarm is left over
+
+
+def test_a_part_that_computes_or_sleeps_for_ever_is_ended_in_the_main_thread():
+    before, deadline = signal.getsignal(signal.SIGALRM), Deadline(0.05)
+    for part, limit in (
+        (busy, r"0\.05 s of processor time"),
+        (lambda: time.sleep(60.0), r"0\.5 s$"),
+    ):
+        begun = time.monotonic()
+        with pytest.raises(TimeoutError, match=limit), deadline.watch(), deadline:
+            part()
+        assert time.monotonic() - begun < 5.0
+    with deadline.watch():
+        time.sleep(0.8)  # between two parts
+        with deadline:
+            time.sleep(0.3)  # waiting is no work
+    assert signal.getsignal(signal.SIGALRM) is before
 
 
 class SlowOnce:
     """Steps to the left at tick 5, after a pause."""
 
-    def __init__(self, pause_s):
-        self.pause_s = pause_s
+    def __init__(self, pause):
+        self.pause = pause
 
     def step(self, estimate, k):
         if k == 5:
-            time.sleep(self.pause_s)
+            self.pause()
         return Command(0.15 if k >= 5 else 0.0, 0.0, 0.6)
 
 
-def slow_run(pause_s, *overrides):
+def slow_run(pause, *overrides):
     scenario = load("pavement", ["path={kind='straight', length_m=12.0}", *overrides])[1]
     assembly = assemble(
-        scenario, 1, lambda vehicle, reference, period_s, **options: SlowOnce(pause_s)
+        scenario, 1, lambda vehicle, reference, period_s, **options: SlowOnce(pause)
     )
     recorder = Recorder()
     outcome = drive_into(recorder, replace(assembly, ticks=9), prepared=False)
@@ -62,9 +81,9 @@ def slow_run(pause_s, *overrides):
 
 
 def test_a_slow_step_is_an_event_and_acts_late_only_if_asked():
-    _, prompt = slow_run(0.0)
-    _, late = slow_run(0.3)
-    _, realtime = slow_run(0.3, "control.realtime=true")
+    _, prompt = slow_run(lambda: None)
+    _, late = slow_run(lambda: time.sleep(0.3))
+    _, realtime = slow_run(lambda: time.sleep(0.3), "control.realtime=true")
     np.testing.assert_array_equal(prompt[STATE].values, late[STATE].values)
     for record in (late, realtime):
         (event,) = [event for event in record.events if event.text.startswith("overrun")]
@@ -77,6 +96,6 @@ def test_a_slow_step_is_an_event_and_acts_late_only_if_asked():
 
 
 def test_a_step_that_never_returns_ends_the_run_as_invalid():
-    outcome, _ = slow_run(1e6, "control.step_limit_s=1.0")
+    outcome, _ = slow_run(busy, "control.step_limit_s=1.0")
     assert outcome.status == "invalid"
     assert "TimeoutError: did not return within 1 s" in (outcome.failure or "")

@@ -1,11 +1,13 @@
 """Scenario files: round trips, changes over a file, refusals, schema and reference of the keys."""
 
+import math
 import re
 import tomllib
 
 import jsonschema
 import pytest
 from proving_ground.experiments.errors import InvalidScenario
+from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.scenario.scenario import (
     dump,
     load,
@@ -34,7 +36,7 @@ WRONG_VALUES = VALUES.split()
 UNKNOWN_KEYS = {
     "soil.softness=3": "name, cone_index_kpa",
     "path.length_m=3": "kind, radius_m",
-    "tyres.width_m=1": "description, path, corridor",
+    "tyres.width_m=1": "description, path, start",
     "actuators.front.play_deg=1": "dead_time_s",
     "actuators.hydrostat.dead_band_deg=1": "dead_time_s",
     "controller.noise.hitch=1": "assumed",
@@ -149,3 +151,14 @@ def test_the_reference_has_keys_with_their_ranges_and_the_options_of_every_contr
     assert "| `laps` | whole number 1 to 100 |  | `2` | Number of laps. |" in page
     assert re.search(r"\| `slope_rad` \| number 0 to 0\.6 \| rad \| `0\.0` \|", page)
     assert '`"A"`, `"B"`, `"C"`, `"D"`, `"E"`, `"F"`, `"flat"`' in page
+
+
+def test_a_start_lies_to_the_left_of_the_path_and_turned_by_its_heading():
+    _, scenario = load("line-entry", ["start.heading_deg=30", "start.rolling=false"])
+    x, y, yaw = scenario.start.pose(2.0, 3.0, math.pi / 2)  # left of a path to the north is west
+    assert (x, y) == pytest.approx((2.0 - scenario.start.offset_m, 3.0))
+    assert yaw == pytest.approx(math.radians(120.0))
+    truth = assemble(scenario, 7).plant.truth()
+    assert truth.tractor.y == pytest.approx(scenario.start.offset_m, abs=0.01)
+    assert truth.tractor.yaw == pytest.approx(math.radians(30.0), abs=0.02)
+    assert abs(truth.speed) < 0.01

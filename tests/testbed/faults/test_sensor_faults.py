@@ -1,34 +1,39 @@
 """Faults of sensors on samples with known values."""
 
 import math
+import operator
 
 import numpy as np
 import pytest
 from proving_ground.testbed.faults.fault import Window
-from proving_ground.testbed.faults.faulty import FaultySensors
+from proving_ground.testbed.faults.faulty import SampleFaults
 from proving_ground.testbed.faults.kinds import KINDS
 from proving_ground.testbed.sensing.sensor_specification import (
     ImuSpecification,
     SensorSpecification,
 )
-from proving_ground.testbed.sensing.sensors import COMPONENTS
+from proving_ground.testbed.sensing.sensors import COMPONENTS, SensorSuite
 
-from ttempc.types import Measurement, Sensor
+from tests.testbed.truths import moments, truth
+from ttempc.layout import measurements_of
+from ttempc.types import Sensor
 
 DT, EVERY = 0.02, 10  # five samples a second of each sensor
 START_S, END_S = 1.0, 2.0
+BODIES = ("tractor", "trailer")
 GNSS = {Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER}
 
 
-class Clockwork:
-    """Sensors whose readings are known: number of the sensor + 0.1 per second, no noise."""
-
-    specification = SensorSpecification(imu=ImuSpecification(on=True))
-    every = EVERY
-
-    def sample(self, truth, step):
-        time_s = step * DT
-        return [Measurement(time_s, sensor, value(sensor, time_s)) for sensor in Sensor]
+SENSORS = SensorSpecification(  # without noise, five samples a second of each
+    **dict.fromkeys(("gnss_sd_m", "angle_sd_deg", "encoder_sd_mps"), 0.0),
+    **dict.fromkeys(("angle_rate_hz", "encoder_rate_hz"), 5.0),
+    imu=ImuSpecification(
+        on=True,
+        rate_hz=5.0,
+        **dict.fromkeys(("angle_sd_deg", "angle_bias_sd_deg"), 0.0),
+        **dict.fromkeys(("yaw_rate_sd_degps", "yaw_rate_bias_sd_degps"), 0.0),
+    ),
+)
 
 
 def value(sensor, time_s):
@@ -39,12 +44,32 @@ def value(sensor, time_s):
 def delivered(seed=1, **keys):
     """Return what arrives with one fault from 1 to 2 s: pairs of arrival time and sample."""
     fault = KINDS[keys["kind"]](start_s=START_S, **keys)
-    sensors = FaultySensors(Clockwork(), [(0, fault, Window(START_S, END_S))], DT, seed)
-    return [
-        (step * DT, sample)
-        for step in range(0, 160, EVERY)
-        for sample in sensors.sample(None, step)
-    ]
+    suite = SensorSuite(SENSORS, DT, seed, np.zeros((2, 3)))
+    suite.changes = (SampleFaults([(0, fault, Window(START_S, END_S))], SENSORS, DT, seed),)
+    samples = []
+    for first in range(0, 160, 4 * EVERY):
+        steps = range(first, first + 4 * EVERY, EVERY)
+        rows, at = suite.sample(moments(*[state(step * DT) for step in steps]).rows, first, EVERY)
+        times = np.array(steps)[at.astype(int)] * DT
+        samples += zip(times.tolist(), measurements_of(rows), strict=True)
+    return samples
+
+
+def state(time_s):
+    """Return a truth with readings that are known: number of the sensor + 0.1 per second."""
+    of = {sensor: value(sensor, time_s) for sensor in Sensor}
+    points = [dict(zip("xy", of[f"gnss_{body}"], strict=True)) for body in BODIES]
+    tilts = [dict(zip(("roll", "pitch"), of[f"imu_{body}"][1:], strict=True)) for body in BODIES]
+    return truth(
+        *map(operator.or_, points, tilts),
+        time_s=time_s,
+        delta_t=of["steering_tractor"][0],
+        delta_i=of["steering_trailer"][0],
+        beta=of["hitch"][0],
+        rim_speed=of["encoder"][0],
+        yaw_rate_t=of["imu_tractor"][0],
+        yaw_rate_i=of["imu_trailer"][0],
+    )
 
 
 def errors(sensor, samples):

@@ -10,7 +10,7 @@ from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.channels import REFERENCE_PATH_TOPIC
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 
 BODIES = ("tractor", "trailer")
 
@@ -28,8 +28,7 @@ def log(path, ground, scenes):
     scenery = Scenery(BODIES, ground)
     with LogWriter(path, metadata={}, attachments=attachments, scenery=scenery) as writer:
         writer.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [1.0, 0.5]]))
-        for scene in scenes:
-            writer.scene(scene)
+        writer.scenes(moments(*scenes))
     return read_content(path)
 
 

@@ -12,13 +12,13 @@ from proving_ground.testbed.recording.channels import (
     TYRES,
     error_rows,
     measurement_rows,
-    state_row,
-    tyres_row,
 )
 from proving_ground.testbed.sensing.sensors import COMPONENTS
-from proving_ground.testbed.truth import WHEELS
+from proving_ground.testbed.truth import STATE_COLUMNS, TYRE_COLUMNS, WHEELS
 
 from tests.testbed.plants import ROLL, plant_on
+from tests.testbed.truths import moments
+from ttempc.layout import sample_rows
 from ttempc.types import Measurement
 
 
@@ -36,15 +36,19 @@ def driven():
 def test_a_sample_stands_under_the_names_of_its_components_beside_its_time():
     for sensor, parts in COMPONENTS.items():
         value = tuple(10.0 + k for k in range(len(parts)))
-        (only,) = measurement_rows([Measurement(0.7, sensor, value)])
-        row = named(MEASUREMENT, only)
+        samples = sample_rows([Measurement(0.7, sensor, value)] * 2)
+        times, rows = measurement_rows(samples, np.zeros(2), np.array([0.9]))
+        assert times.tolist() == [0.9, 0.9], "a row has one sample of a sensor"
+        np.testing.assert_array_equal(*rows)
+        row = named(MEASUREMENT, rows[0])
         pairs = zip((*parts, "time_s"), (*value, 0.7), strict=True)
         expected = {f"{sensor}_{part}": number for part, number in pairs}
         assert {name: number for name, number in row.items() if not math.isnan(number)} == expected
 
 
 def test_rows_of_the_truth_stand_under_their_names(driven):
-    state = named(STATE, state_row(driven))
+    (row,) = moments(driven).rows
+    state = named(STATE, row[STATE_COLUMNS])
     assert state["x_t_m"] == driven.tractor.x
     assert state["psi_i_rad"] == driven.trailer.yaw
     assert state["roll_i_rad"] == driven.trailer.roll
@@ -53,7 +57,7 @@ def test_rows_of_the_truth_stand_under_their_names(driven):
     assert state["yaw_rate_i_radps"] == driven.yaw_rate_i
     assert state["v_rim_mps"] == driven.rim_speed
     assert state["hp_set_point"] == driven.set_points[2]
-    tyres = named(TYRES, tyres_row(driven))
+    tyres = named(TYRES, row[TYRE_COLUMNS])
     for index, wheel in enumerate(WHEELS):
         assert tyres[f"{wheel}_load_n"] == driven.wheels.load[index]
         assert tyres[f"{wheel}_force_lat_n"] == driven.wheels.force_lat[index]

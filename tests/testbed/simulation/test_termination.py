@@ -13,13 +13,15 @@ from proving_ground.testbed.simulation.termination import (
     check_termination,
 )
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 
 FIELD = flat(size_m=(80.0, 50.0))
 
 
 def verdict(state, reference=(0.0, 0.0), slip=0.0):
-    return check_termination(state, reference, FIELD, TerminationLimits(), slip)
+    now = moments(state).motion(0)
+    distance_m = math.dist((now.x_t, now.y_t), reference)
+    return check_termination(now, distance_m, FIELD, TerminationLimits(), slip)
 
 
 def test_normal_driving_does_not_terminate():
@@ -47,9 +49,9 @@ def test_each_limit_terminates_with_its_reason(state, reason):
 
 def slips(speeds, period_s=0.2, window_s=5.0):
     """Return the mean slip at each moment, for pairs of rim and ground speed [m/s]."""
-    mean = MeanSlip()
+    mean, level = MeanSlip(), moments(truth()).motion(0)
     return [
-        mean.update(truth(time_s=k * period_s, rim_speed=rim, speed=speed), window_s)
+        mean.update(level._replace(time_s=k * period_s, rim_speed=rim, speed=speed), window_s)
         for k, (rim, speed) in enumerate(speeds)
     ]
 

@@ -27,7 +27,7 @@ from proving_ground.testbed.viewers.live import PROTOCOL, LiveView
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 
 pytest.importorskip("foxglove")
 MESSAGE, TIME = 1, 2  # opcodes of server messages in Foxglove's WebSocket protocol
@@ -69,10 +69,11 @@ def view(**other) -> LiveView:
     return LiveView(Scenery(("tractor",)), **{"port": 0, "speed": 100.0, **other})
 
 
-def publish(sink, moments):
-    for k in moments:
+def publish(sink, numbers):
+    for k in numbers:
         sink.row(STATE, 0.04 * k, [float(k)] * len(STATE.fields))
-        sink.scene(truth(time_s=0.04 * k, body_xyz=np.full((1, 3), float(k))))
+        moment = truth(time_s=0.04 * k, body_xyz=np.full((1, 3), float(k)))
+        sink.scenes(moments(moment))
 
 
 def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():

@@ -16,10 +16,11 @@ from scipy.stats import chi2
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator
 from ttempc.estimation import filter as filter_kernels
-from ttempc.estimation.ekf import ExtendedKalmanFilter, LeverArm
+from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.filter import after_dead_times, turned
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.layout import sample_rows
+from ttempc.learning.lengths import axle_points
 from ttempc.models import augmented_state
 from ttempc.models.augmented_state import (
     LENGTH,
@@ -307,11 +308,12 @@ def test_a_position_moves_by_the_lever_arm_turned_by_yaw_pitch_and_roll(body, gn
         yaw, pitch, roll = generator.uniform(-1.0, 1.0, 3) * (3.0, 0.3, 0.3)
         turn = Rotation.from_euler("ZYX", (yaw, pitch, roll))
         east, north, _ = turn.apply((0.0, 0.0, HEIGHTS[body]))
-        arm, headings = LeverArm(HEIGHTS, 1.0), [9.0, 9.0]
-        headings[body] = yaw
+        headings = np.full((2, 2), 9.0)
+        headings[:, body] = yaw
         antenna = Measurement(0.2, gnss, (5.0 + east, 3.0 + north))
-        point, _ = arm.corrected([antenna, imu(sensor, 0.2, roll, pitch)], tuple(headings))
-        np.testing.assert_allclose(point.value, (5.0, 3.0), atol=1e-12)
+        rows = sample_rows([antenna, imu(sensor, 0.2, roll, pitch)])
+        point, _ = axle_points(rows, headings, HEIGHTS)
+        np.testing.assert_allclose(point[2:4], (5.0, 3.0), atol=1e-12)
 
 
 BIAS = {Sensor.IMU_TRACTOR: 0.002, Sensor.IMU_TRAILER: -0.0015}  # [rad/s], twice their sd

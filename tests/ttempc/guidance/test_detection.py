@@ -7,24 +7,20 @@ import numpy as np
 import pytest
 
 from tests.ttempc.sensed_drive import SensedDrive
+from ttempc.errors import InvalidTuning
 from ttempc.guidance.detection import (
     Alarm,
-    InnovationMonitor,
+    Detector,
+    DetectorIndex,
     Monitors,
-    MotionMonitor,
     Observation,
-    PlannedSpeed,
     Reaction,
     Reactions,
-    RepetitionMonitor,
-    SpeedOverGround,
-    StandstillMonitor,
-    SteeringMonitor,
-    SteeringResponse,
-    WheelMonitor,
+    _median,
     detectors,
 )
-from ttempc.types import Command, Estimate, Innovation, Input, Measurement, Sensor
+from ttempc.models.augmented_state import SensorIndex
+from ttempc.types import Command, Estimate, Innovation, Measurement, Sensor
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
@@ -39,12 +35,17 @@ def observation(k, samples=(), command=None, innovations=(), vehicle=VEHICLE):
     return Observation(k * PERIOD_S, samples, command, estimate, vehicle)
 
 
-def speeds_of():
-    return SpeedOverGround(), PlannedSpeed()
+class Watched(Monitors):
+    """All built-in detectors, of which one is looked at."""
 
+    def __init__(self, index):
+        super().__init__(detectors())
+        self.one = self.detectors[index]
 
-def steering_monitor():
-    return SteeringMonitor(Input.DELTA_T, SteeringResponse(Input.DELTA_T))
+    def alarm(self, *given, **named):
+        """Return the alarm of that one after the data of a tick, None if there is none."""
+        alarms = self.observe(observation(*given, **named))
+        return next((alarm for alarm in alarms if alarm.detector == self.one.name), None)
 
 
 def angles(k, value, rng, sd_deg=1.0, sensor=Sensor.STEERING_TRACTOR):
@@ -55,33 +56,73 @@ def angles(k, value, rng, sd_deg=1.0, sensor=Sensor.STEERING_TRACTOR):
     return [Measurement(t, sensor, (item,)) for t, item in zip(times, values, strict=True)]
 
 
+class Given(Detector):
+    """A user's detector: given values of its statistic, a sensor that its alarm rules out."""
+
+    def __init__(self, values, unused=(), name="given"):
+        super().__init__(name, 4.0)
+        self.values, self.unused, self.seen = values, frozenset(unused), []
+
+    def observe(self, observation):
+        self.statistic = self.values.pop(0)
+        self.seen.append(observation.samples)
+
+    def alarm(self):
+        return Alarm(self.name, f"{self.statistic}", Reaction.STOP, self.unused)
+
+
 def test_an_alarm_lasts_until_half_the_limit():
-    class Given:
-        name, limit, residual = "given", 4.0, 0.0
-        statistic = 0.0
-
-        def observe(self, observation):
-            self.statistic = values.pop(0)
-
-        def alarm(self):
-            return Alarm("given", f"{self.statistic}", Reaction.STOP)
-
-    values = [3.9, 4.1, 5.0, 2.1, 1.9, 3.9]
-    monitors = Monitors([Given()])
+    monitors = Monitors([Given([3.9, 4.1, 5.0, 2.1, 1.9, 3.9])])
     alarms = [monitors.observe(observation(k)) for k in range(6)]
     assert [len(item) for item in alarms] == [0, 1, 1, 1, 0, 0]
     assert alarms[3][0].reason == "4.1"
 
 
+def test_a_detector_of_ones_own_before_and_after_the_built_in_ones():
+    """Each sees the samples that no alarm of those before it rules out."""
+    rng = np.random.default_rng(8)
+    before = Given([0.0] * 20 + [5.0] * 2, [Sensor.ENCODER])
+    after = Given([0.0] * 22, name="after")
+    monitors = Monitors([before, *detectors(), after])
+    for k in range(20):
+        monitors.observe(observation(k, readings(k, rng.normal(0.0, 0.01, 5))))
+    stuck = [*readings(20, [0.1] * 5), *readings(20, [1.0, 1.1], Sensor.ENCODER)]
+    assert [alarm.unused for alarm in monitors.observe(observation(20, stuck))] == [
+        {Sensor.ENCODER},
+        {Sensor.HITCH},
+    ]
+    assert len(before.seen[-1]) == 7
+    assert not after.seen[-1]
+    assert not monitors.usable(stuck)
+    assert len(monitors.observe(observation(21, readings(21, [0.2])))) == 1
+
+
+def test_some_of_the_built_in_detectors_are_those_of_one_call():
+    rng, views = np.random.default_rng(8), detectors()
+    monitors = Monitors(views[DetectorIndex.STEERING :])
+    for k in range(20):
+        fresh = readings(k, rng.normal(0.0, 0.01, 5))
+        assert not monitors.observe(observation(k, fresh if k < 15 else readings(k, [0.1] * 5)))
+    assert 2.5 < views[SensorIndex.HITCH].statistic < views[SensorIndex.HITCH].limit
+    with pytest.raises(InvalidTuning, match="detectors"):
+        Monitors([views[0], detectors()[1]])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 15, 21])
+def test_the_median_is_that_of_numpy(count):
+    rng = np.random.default_rng(count)
+    for values in (rng.normal(size=count), rng.integers(0, 3, count).astype(float)):
+        assert _median(values.copy()) == np.median(values)
+
+
 def test_the_statistic_of_consistent_innovations_is_standard_normal():
     """Chi-square sums of a second, 5 samples of two entries; the negative half counts as 0."""
     rng = np.random.default_rng(3)
-    monitor = InnovationMonitor("GNSS", Sensor.GNSS_TRACTOR)
-    values = []
+    monitor, values = Watched(DetectorIndex.INNOVATIONS), []
     for k in range(40_000):
         square = float(rng.chisquare(2))
-        monitor.observe(observation(k, innovations=[Innovation(Sensor.GNSS_TRACTOR, square, 2)]))
-        values.append(monitor.statistic)
+        monitor.alarm(k, innovations=[Innovation(Sensor.GNSS_TRACTOR, square, 2)])
+        values.append(monitor.one.statistic)
     for level, share in ((1.0, 0.1587), (2.0, 0.02275), (3.0, 0.00135)):
         assert np.mean(np.array(values[5:]) > level) == pytest.approx(share, rel=0.25, abs=4e-4)
 
@@ -113,41 +154,32 @@ def test_wheels_against_gnss(encoder, ground_mps, planned, reaction):
 
     The encoder is wrong where the other speed is the one that was asked for.
     """
-    rng, monitor, place, first = (
-        np.random.default_rng(5),
-        WheelMonitor(*speeds_of()),
-        0.0,
-        None,
-    )
+    rng, monitor = np.random.default_rng(5), Watched(DetectorIndex.WHEELS)
+    place, first = 0.0, None
     for k in range(60):
         place += PERIOD_S * (1.0 if k < 20 else ground_mps)
         samples = speeds(k, 1.0 if k < 20 else encoder, place, rng)
         command = Command(0.0, 0.0, planned / VEHICLE.speed_gain)
-        monitor.observe(observation(k, samples, command))
-        if first is None and monitor.statistic > monitor.limit:
-            alarm = monitor.alarm()
+        alarm = monitor.alarm(k, samples, command)
+        if first is None and alarm is not None:
             first = k, "no encoder" if alarm.unused == {Sensor.ENCODER} else alarm.reaction
+            assert monitor.one.alarm() == alarm
     assert (first and first[1]) == reaction
     assert first is None or first[0] <= 20 + round(2.0 / PERIOD_S)
 
 
 def test_a_vehicle_that_does_not_obey_its_hydrostat():
-    rng, monitor, place = (
-        np.random.default_rng(6),
-        MotionMonitor(*speeds_of()),
-        0.0,
-    )
+    rng, monitor, place = np.random.default_rng(6), Watched(DetectorIndex.MOTION), 0.0
     hp, noticed = 1.0 / VEHICLE.speed_gain, []
     for k in range(60):
         place += PERIOD_S * 1.0
         command = Command(0.0, 0.0, hp if k < 30 else 0.0)
-        monitor.observe(observation(k, speeds(k, 1.0, place, rng), command))
-        noticed += [k] if monitor.statistic > monitor.limit else []
+        noticed += [k] if monitor.alarm(k, speeds(k, 1.0, place, rng), command) else []
     assert 30 < noticed[0] < 30 + round(4.0 / PERIOD_S)  # the lag of the hydrostat is 2 s
 
 
 def test_a_drive_without_faults_is_silent():
-    monitors, last = Monitors(detectors()), None
+    monitors = Monitors(detectors())
     drive = SensedDrive(seed=4)
     drive.run(250)
     for k, ((samples, command), estimate) in enumerate(
@@ -155,8 +187,6 @@ def test_a_drive_without_faults_is_silent():
     ):
         now = Observation(k * PERIOD_S, samples, command, estimate, VEHICLE)
         assert not monitors.observe(now)
-        last = monitors
-    assert last is not None
 
 
 def readings(k, values, sensor=Sensor.HITCH):
@@ -166,7 +196,7 @@ def readings(k, values, sensor=Sensor.HITCH):
 
 def test_a_sensor_that_repeats_itself_is_not_used_until_it_changes():
     """Three repetitions in succession; duplicates under one stamp are none."""
-    rng, monitors = np.random.default_rng(8), Monitors([RepetitionMonitor("hitch", Sensor.HITCH)])
+    rng, monitors = np.random.default_rng(8), Monitors(detectors())
     for k in range(20):
         samples = readings(k, rng.normal(0.0, 0.01, 5))
         assert not monitors.observe(observation(k, [*samples, *samples]))
@@ -215,10 +245,7 @@ def valve(commands, time_s, lag=VEHICLE.steering_lag_t):
 
 @pytest.mark.parametrize("sd_deg", [1.0, 10.0])
 def test_a_valve_that_follows_is_no_fault_however_noisy_its_sensor(sd_deg):
-    rng, monitor = (
-        np.random.default_rng(1),
-        steering_monitor(),
-    )
+    rng, monitor = np.random.default_rng(1), Watched(DetectorIndex.STEERING)
     commands = 0.3 * np.sin(0.15 * np.arange(3000))
     for k in range(3000):
         recent = max(0, k - 30)  # a step of 30 periods before has no effect on the angle
@@ -226,59 +253,47 @@ def test_a_valve_that_follows_is_no_fault_however_noisy_its_sensor(sd_deg):
             k, lambda t, k=k, n=recent: valve(commands[n : k + 1], t - n * PERIOD_S), rng, sd_deg
         )
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        monitor.observe(observation(k, samples, sent))
-        assert monitor.statistic < monitor.limit
+        assert not monitor.alarm(k, samples, sent)
 
 
 @pytest.mark.parametrize(("dead_time", "believed"), [(0.0, 0.0), (0.3, 0.0), (0.1, 0.7)])
 def test_a_dead_time_that_is_not_known_is_no_fault(dead_time, believed):
-    rng, monitor = (
-        np.random.default_rng(2),
-        steering_monitor(),
-    )
+    rng, monitor = np.random.default_rng(2), Watched(DetectorIndex.STEERING)
     vehicle = replace(VEHICLE, dead_time_t=believed)
     commands = 0.25 * np.sin(0.2 * np.arange(200))
     for k in range(200):
         samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t - dead_time), rng)
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        monitor.observe(observation(k, samples, sent, vehicle=vehicle))
-        assert monitor.statistic < monitor.limit
+        assert not monitor.alarm(k, samples, sent, vehicle=vehicle)
 
 
 def test_play_is_no_fault():
     """A wheel that lags its cylinder by 1 deg either way, as play of 2 deg."""
-    rng, monitor = (
-        np.random.default_rng(4),
-        steering_monitor(),
-    )
+    rng, monitor = np.random.default_rng(4), Watched(DetectorIndex.STEERING)
     commands, wheel, play = 0.25 * np.sin(0.1 * np.arange(600)), 0.0, math.radians(1.0)
     for k in range(600):
         cylinder = valve(commands[max(0, k - 30) : k + 1], min(k, 30) * PERIOD_S)
         wheel = min(max(wheel, cylinder - play), cylinder + play)
         samples = angles(k, lambda t, angle=wheel: angle, rng)
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        monitor.observe(observation(k, samples, sent))
-        assert monitor.statistic < monitor.limit
+        assert not monitor.alarm(k, samples, sent)
 
 
 def test_a_stuck_valve_is_noticed_within_a_second_of_a_command_that_leaves_it():
-    rng, monitor = (
-        np.random.default_rng(1),
-        steering_monitor(),
-    )
+    rng, monitor = np.random.default_rng(1), Watched(DetectorIndex.STEERING)
     noticed = []
     for k in range(80):
         command = 0.0 if k < 50 else 0.14  # 8 deg: the curve of radius 10 m
-        monitor.observe(observation(k, angles(k, lambda t: 0.0, rng), Command(command, 0.0, 0.7)))
-        noticed += [k] if monitor.statistic > monitor.limit else []
+        alarm = monitor.alarm(k, angles(k, lambda t: 0.0, rng), Command(command, 0.0, 0.7))
+        noticed += [k] if alarm else []
     assert 50 < noticed[0] <= 50 + round(1.0 / PERIOD_S)
-    assert monitor.alarm().reaction is Reaction.STOP
+    assert alarm.reaction is Reaction.STOP
 
 
 def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
-    rng, response = np.random.default_rng(1), SteeringResponse(Input.DELTA_T)
-    standstill, follows = (
-        kind(Input.DELTA_T, response) for kind in (StandstillMonitor, SteeringMonitor)
+    rng, monitors = np.random.default_rng(1), Monitors(detectors())
+    follows, standstill = (
+        monitors.detectors[n].name for n in (DetectorIndex.STEERING, DetectorIndex.STANDSTILL)
     )
     commands, first = 0.25 * np.sin(0.2 * np.arange(140)), {}
     for k in range(140):
@@ -287,9 +302,7 @@ def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
             k, lambda t, k=k, s=stuck: valve(commands[: k + 1], t) if s is None else s, rng
         )
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        for monitor in (standstill, follows):
-            monitor.observe(observation(k, samples, sent))
-            if monitor.statistic > monitor.limit:
-                first.setdefault(monitor.name, (k - 100) * PERIOD_S)
-    assert 0.0 < first[standstill.name] <= 1.0 < first[follows.name]
-    assert standstill.alarm().reaction is Reaction.SLOW
+        for alarm in monitors.observe(observation(k, samples, sent)):
+            first.setdefault(alarm.detector, ((k - 100) * PERIOD_S, alarm.reaction))
+    assert 0.0 < first[standstill][0] <= 1.0 < first[follows][0]
+    assert first[standstill][1] is Reaction.SLOW
