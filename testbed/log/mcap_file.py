@@ -18,7 +18,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 from zstandard import ZstdCompressor
 
-_LEVEL: Final = 1  # of zstd: 3 takes 1.7 times its time for 2 % of the size
+_LEVEL: Final = -1  # of zstd: 3 takes twice its time for 5 % of the size
 _ZSTD: Final = "zstd"
 _HEAD: Final = np.dtype(  # of a message, before its data; the length counts from the channel on
     "u1, <u8, <u2, <u4, <u8, <u8"  # opcode, length, channel, sequence, log time, publish time

@@ -30,7 +30,7 @@ from ..recording.channels import (
     error_rows,
     unit_of,
 )
-from ..recording.record import Event, Sink, check_rows
+from ..recording.record import Event, Sink, wrong_shape
 from ..truth import Moments
 from .encoding import (
     Encoded,
@@ -130,9 +130,9 @@ class Batch:
 class Publisher(Sink, ABC):
     """Base class of a sink that encodes messages; a subclass sends them.
 
-    Data are collected, and encoded together when the subclass calls `_messages`: in a batch a
-    message costs a tenth of a single one. A subclass must be ready to `_send` before it calls this
-    constructor.
+    Data are collected, and encoded together when the subclass calls `_publish`, which another
+    thread may do: in a batch a message costs a hundredth of a single one. A subclass must be ready
+    to `_send` before it calls this constructor.
     """
 
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
@@ -154,11 +154,12 @@ class Publisher(Sink, ABC):
 
     @abstractmethod
     def _collected(self, time_s: float) -> None:
-        """React to new data of a time [s]: `_publish` where it is due."""
+        """React to new data of a time [s]: `_take` and `_publish` where it is due."""
 
     def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Publish rows, and with a reference the errors of the states of its times."""
-        check_rows(channel, times, values)
+        if values.shape != (len(times), len(channel.fields)):
+            raise wrong_shape(channel, times, values)
         if not len(times):
             return
         self._batch.rows[channel.topic].append((times.copy(), values.copy()))
@@ -210,12 +211,15 @@ class Publisher(Sink, ABC):
             times_ns = _nanoseconds(times)
             bodies = single(poses.reshape(len(times), -1))
             self._send(topics.TRANSFORMS_TOPIC, times_ns, self._transforms.fill(bodies, times_ns))
-        paths = sorted(batch.paths, key=lambda path: path[0])
-        for (topic, count), group in groupby(paths, lambda path: (path[0], len(path[2]))):
-            _, times, lines = zip(*group, strict=True)
-            times_ns = _nanoseconds(np.array(times))
-            drawn = self._scenery.on_ground(np.concatenate(lines)).reshape(-1, count, 3)
-            self._send(topic, times_ns, encode_paths(times_ns, drawn))
+        if batch.paths:
+            paths = sorted(batch.paths, key=lambda path: path[0])
+            drawn, begin = self._scenery.on_ground(np.concatenate([each for *_, each in paths])), 0
+            for (topic, count), group in groupby(paths, lambda path: (path[0], len(path[2]))):
+                times_ns = _nanoseconds(np.array([time_s for _, time_s, _ in group]))
+                end = begin + count * len(times_ns)
+                lines = drawn[begin:end].reshape(-1, count, 3)
+                self._send(topic, times_ns, encode_paths(times_ns, lines))
+                begin = end
         for event in batch.events:
             self._send(topics.EVENT_TOPIC, *_single(*event))
 

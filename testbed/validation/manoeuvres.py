@@ -191,12 +191,12 @@ def _axle_inertia(plant: Plant, wheel: str) -> float:
 
 def steering_steps(bench: Bench) -> Iterator[Measured]:
     """Measure rate, stop and lag of both steering angles for 1.5 rad, beyond both stops."""
-    every_s = 0.01
     for name, letter in (("front steering", "t"), ("trailer steering", "i")):
         limit, rate, lag = (
             getattr(bench.nominal, f"steering_{key}_{letter}") for key in ("limit", "rate", "lag")
         )
         plant = bench.plant()
+        every_s = plant.timestep_s * steps(plant, 0.01)
         plant.reset(0.0, 0.0, 0.0, 1.0)
         command = replace(bench.command(), **{f"delta_{letter}": 1.5})
         truths = drive(plant, command, limit / rate + 8.0 * lag, every_s)
@@ -590,8 +590,8 @@ def bump(bench: Bench) -> Iterator[Measured]:
     The energy is that of vertical motion and of the tyre deflections relative to steady rolling,
     sum m vz^2 / 2 + sum (N - N0)^2 / 2k.
     """
-    every_s = 0.01
     plant = bench.plant(flat((60.0, 8.0)))
+    every_s = plant.timestep_s * steps(plant, 0.01)
     plant.reset(0.0, 0.0, 0.0, 0.0)
     radius = float(plant.tyres.radius.min())
     places = wheel_places(plant)[:, 0]
@@ -652,6 +652,7 @@ def free_fall(bench: Bench) -> Iterator[Measured]:
     energy, momentum, spin = _mechanics(plant)
     data.xfrc_applied[:] = 0.0
     for _ in range(steps(plant, _FALL_S)):  # without the wheel model: no wheel touches the ground
+        plant.wheels.couple()
         mujoco.mj_step2(plant.model, data)
         mujoco.mj_step1(plant.model, data)
     energy_after, momentum_after, spin_after = _mechanics(plant)
@@ -701,6 +702,7 @@ def _slide(plant: Plant) -> None:
         force = touch.load[:, None] * touch.normal
         data.xfrc_applied[ids, :3] = force
         data.xfrc_applied[ids, 3:] = np.cross(touch.point - motion.centre, force)
+    plant.wheels.couple()
     mujoco.mj_step2(model, data)
     mujoco.mj_step1(model, data)
 

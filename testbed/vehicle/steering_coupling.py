@@ -4,7 +4,7 @@ A constraint makes the steering exact at the price of MuJoCo's solver: two of th
 step of this vehicle without ground. The follower's angle is a quartic phi of the leader's delta,
 and the gap g = phi(delta) - theta gives a torque k g + c dg/dt on the follower and phi' times it,
 reversed, on the leader: as much power as leaves the one arrives at the other or in the damper.
-With the follower's inertia I about its axis and a time T,
+With the inertia I that followers and leader together oppose to a gap, and a time T,
 
     k = I / T^2,  c = I / T,
 
@@ -36,7 +36,9 @@ def coupling_table(model: mujoco.MjModel) -> FloatArray:
     for constraint in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
         joints = [model.eq_obj1id[constraint], model.eq_obj2id[constraint]]
         places, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-        inertia = float(model.dof_M0[dofs[0]])
+        followers = np.count_nonzero(model.eq_obj2id == joints[1])
+        follower, leader = model.dof_M0[dofs].tolist()
+        inertia = 1.0 / (1.0 / follower + followers / leader)
         gains = inertia / COUPLING_S**2, inertia / COUPLING_S
         rows.append([*places, *dofs, *model.eq_data[constraint, :5], *gains])
     return np.array(rows).reshape(-1, 11)

@@ -46,8 +46,11 @@ class WheelModel:
     def prepare(self) -> None:
         """Prepare a series of steps from the loads of the last report."""
 
+    def couple(self) -> None:
+        """Add the torques of the steering linkage for one physics step."""
+
     def step(self) -> None:
-        """Apply the forces of the ground for one physics step."""
+        """Apply the forces of the ground for one physics step, and couple the steering."""
 
     def report(self) -> None:
         """Write loads, slips and forces of the present step into `output`."""
@@ -89,10 +92,14 @@ class SoilWheels(WheelModel):
             *(data.qpos, data.qvel, data.qfrc_passive),
         )
 
-    def step(self) -> None:
-        """Apply the forces of the ground and of the steering linkage for one physics step."""
-        wheel_step(*self.arguments)
+    def couple(self) -> None:
+        """Add the torques of the steering linkage for one physics step."""
         couple_joints(*self.coupling)
+
+    def step(self) -> None:
+        """Apply the forces of the ground for one physics step, and couple the steering."""
+        wheel_step(*self.arguments)
+        self.couple()
 
 
 class ContactWheels(WheelModel):

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -53,65 +52,6 @@ from .filter import (
 from .noise import ProcessNoise, SensorNoise
 
 _NOT_KNOWN: Final = np.full(len(Input), math.nan)
-_BODIES = ((Sensor.GNSS_TRACTOR, Sensor.IMU_TRACTOR), (Sensor.GNSS_TRAILER, Sensor.IMU_TRAILER))
-
-
-class LeverArm:
-    """Positions of axle points from those of antennas on masts above them.
-
-    An antenna at height h moves h sin(roll) to the right of its point and h cos(roll) sin(pitch)
-    ahead of it; roll is positive with the left side up, pitch with the nose down. The attitude is
-    that of the IMU sample of the body that is nearest in time; without one, and for a height of 0,
-    a position stays as it is.
-
-    Args:
-        heights_m: of the antennas of tractor and trailer above the axle points [m].
-        memory_s: time for which samples of the IMUs are kept, at least the latency of GNSS.
-
-    Examples:
-        >>> arm = LeverArm((2.0, 0.0), memory_s=1.0)
-        >>> imu = Measurement(0.2, Sensor.IMU_TRACTOR, (0.0, 0.1, 0.0))  # left side up by 0.1 rad
-        >>> gnss = Measurement(0.2, Sensor.GNSS_TRACTOR, (5.0, 3.0))
-        >>> corrected, _ = arm.corrected([gnss, imu], headings=(0.0, 0.0))  # faces east
-        >>> round(corrected.value[1], 3)
-        3.2
-    """
-
-    def __init__(self, heights_m: tuple[float, float], memory_s: float) -> None:
-        self._memory_s = memory_s
-        # GNSS, IMU, height of the antenna above the axle point
-        self._bodies = [(*b, h) for b, h in zip(_BODIES, heights_m, strict=True) if h > 0.0]
-        self._attitudes: dict[Sensor, list[Measurement]] = {imu: [] for _, imu, _ in self._bodies}
-
-    @property
-    def corrects(self) -> bool:
-        """Whether there is an antenna above its point."""
-        return bool(self._bodies)
-
-    def corrected(
-        self, samples: Sequence[Measurement], headings: tuple[float, float]
-    ) -> Sequence[Measurement]:
-        """Return the samples with every position moved to its axle point."""
-        for sensor, kept in self._attitudes.items():
-            kept += [s for s in samples if s.sensor is sensor and all(map(math.isfinite, s.value))]
-            newest = max((sample.time_s for sample in kept), default=0.0)
-            kept[:] = [sample for sample in kept if sample.time_s >= newest - self._memory_s]
-        return [self._moved(sample, headings) for sample in samples]
-
-    def _moved(self, sample: Measurement, headings: tuple[float, float]) -> Measurement:
-        for gnss, imu, height_m in self._bodies:
-            attitudes = self._attitudes[imu]
-            if sample.sensor is gnss and attitudes and len(sample.value) == 2:
-                near = min(attitudes, key=lambda item: abs(item.time_s - sample.time_s))
-                _, roll, pitch = near.value
-                right = height_m * math.sin(roll)
-                ahead = height_m * math.cos(roll) * math.sin(pitch)
-                yaw = headings[sample.sensor is Sensor.GNSS_TRAILER]
-                cos, sin = math.cos(yaw), math.sin(yaw)
-                x, y = sample.value
-                value = (x - ahead * cos - right * sin, y - ahead * sin + right * cos)
-                return replace(sample, value=value)
-        return sample
 
 
 class ExtendedKalmanFilter:
@@ -134,11 +74,13 @@ class ExtendedKalmanFilter:
     filter may be wrong: it then accepts the samples, with their noise raised until they just pass.
     Samples that are not finite, older than the memory, from the future or repeated are rejected.
     Samples of sensors without a model in `measurement_model` are ignored; those of the IMUs serve
-    to correct antenna positions, see `LeverArm`.
+    to correct antenna positions, see `ttempc.learning.lengths.axle_points`.
 
     Each input of a command acts after its own dead time (`Vehicle.dead_times`). After a gap without
     updates and samples the filter starts anew, see `observe_filter`, at a cost that does not depend
     on the length of the gap.
+
+    With `keeps_all`, `moments` has a state at every time of a sample, else at every update.
 
     Time stamps may count from any epoch. Those that differ by less than `SAME_TIME_S` count as
     equal wherever the filter compares times of samples with times of updates.
@@ -160,13 +102,17 @@ class ExtendedKalmanFilter:
         process_noise: ProcessNoise | None = None,
         gate_probability: float = 1e-4,
         memory_s: float = 2.5,
+        keeps_all: bool = False,
     ) -> None:
         sensors, process = sensor_noise or SensorNoise(), process_noise or ProcessNoise()
         self._vehicle, self._sensors, self._process = vehicle, sensors, process
-        self.parameters = filter_parameters(vehicle, sensors, process, gate_probability, memory_s)
+        self.parameters = filter_parameters(
+            vehicle, sensors, process, gate_probability, memory_s, keeps_all
+        )
+        self._keeps_all = keeps_all
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
-        self._state = history, np.empty((129, ROW)), np.empty((512, HELD)), np.empty((32, 4))
+        self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.empty((32, 4))
 
     @property
     def state(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -214,10 +160,10 @@ class ExtendedKalmanFilter:
         """
         history, moments, samples, commands = self._state
         h = history.view(HISTORY)[0]
-        if h["moments"] + rows + 1 >= len(moments):
-            ring = len(moments) - 1
+        more, ring = rows if self._keeps_all else 1, len(moments) - 1
+        if h["moments"] + more > ring:
             order = (h["begin"] + np.arange(ring)) % ring
-            larger = np.empty((2 * (ring + rows) + 1, ROW))
+            larger = np.empty((2 * ring + more + 1, ROW))
             larger[:ring], larger[-1], h["begin"] = moments[order], moments[-1], 0
             moments = larger
         if h["samples"] + rows > len(samples):
@@ -249,7 +195,7 @@ class ExtendedKalmanFilter:
         h["begin"], h["moments"], h["resumes"] = 0, 1, 0
 
     def moments(self) -> NDArray[np.void]:
-        """Return the `MOMENT` of each time of a sample in memory, oldest first."""
+        """Return every `MOMENT` in memory, oldest first."""
         history, moments, _, _ = self._state
         h = history.view(HISTORY)[0]
         order = (h["begin"] + np.arange(h["moments"])) % (len(moments) - 1)

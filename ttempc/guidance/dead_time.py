@@ -1,7 +1,6 @@
 """Compensation of the actuators' dead times around any controller."""
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -92,12 +91,15 @@ class DeadTimeCompensation:
         self._lead_s = lead_s(vehicle)
         self._whole, self._part_s = _split(self._lead_s, period_s)
         early = self._lead_s - dead_times
-        self._hold_back = [_split(time_s, period_s) for time_s in np.maximum(early, 0.0).tolist()]
+        # (3, 2) whole periods and rest [s] by which an input is sent later
+        self.hold_back: FloatArray = np.array(
+            [_split(time_s, period_s) for time_s in np.maximum(early, 0.0).tolist()]
+        )
         self._late = [_split(time_s, period_s) for time_s in np.maximum(-early, 0.0).tolist()]
         start = CommandLimits.of(vehicle, period_s).clamp(reference.at(0.0).inputs)
         # Commands as they act together, the newest first; before the start those of the reference.
         count = self._whole + 3 + max(whole for whole, _ in self._late)
-        self._commands = deque([start] * count, maxlen=count)
+        self.commands: FloatArray = np.tile(start, (count, 1))
         self._sent: FloatArray | None = None  # by the last step, until it is recorded
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
 
@@ -105,7 +107,7 @@ class DeadTimeCompensation:
         if isinstance(self.controller, WarmingUp):
             self.controller.warm_up()
         state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-        self._predicted(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0))
+        self.predicted(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0))
 
     def prepare(self, k: int) -> None:
         if isinstance(self.controller, Preparing):
@@ -113,32 +115,37 @@ class DeadTimeCompensation:
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""
-        step = self.controller.step(self._predicted(estimate), k)
+        step = self.controller.step(self.predicted(estimate), k)
         if isinstance(step, Command):
             step = ControlStep(step)
-        self._commands.appendleft(step.command.as_array())
-        self._sent = self._earlier(0, self._hold_back)
+        self._begin(step.command.as_array())
+        self._sent = self._earlier(0, [(int(whole), part_s) for whole, part_s in self.hold_back])
         return replace(step, command=Command(*self._sent.tolist()))
 
     def record(self, sent: Command) -> None:
         """Record the command of a period: in the place of the last step's, if there was one."""
         command = sent.as_array()
         if self._sent is None:
-            self._commands.appendleft(command)
+            self._begin(command)
         else:  # an input that is held back and was sent as it was has its newest command
             changed = command != self._sent
-            self._commands[0] = np.where(changed, command, self._commands[0])
+            self.commands[0] = np.where(changed, command, self.commands[0])
         self._sent = None
+
+    def _begin(self, command: FloatArray) -> None:
+        self.commands[1:] = self.commands[:-1].copy()
+        self.commands[0] = command
 
     def _earlier(self, i: int, by: Sequence[tuple[int, float]]) -> FloatArray:
         """Return the `i`-th newest command, each input as it was earlier by whole periods + s."""
         result = np.empty(len(by))
         for j, (whole, part_s) in enumerate(by):
-            later, earlier = self._commands[i + whole][j], self._commands[i + whole + 1][j]
+            later, earlier = self.commands[i + whole][j], self.commands[i + whole + 1][j]
             result[j] = later + part_s / self._period_s * (earlier - later)
         return result
 
-    def _predicted(self, estimate: Estimate) -> Estimate:
+    def predicted(self, estimate: Estimate) -> Estimate:
+        """Return the estimate for the time at which a command of now acts."""
         vehicle = self._vehicle
         disturbance = np.minimum(estimate.disturbance, _MOST_SLIP)
         augmented = augmented_of(replace(estimate, disturbance=disturbance), vehicle)

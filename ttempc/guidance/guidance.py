@@ -30,7 +30,7 @@ from ..types import (
 )
 from ..vehicle import Vehicle
 from .controllers import EstimatorFactory, estimator_factory, make_controller
-from .dead_time import DeadTimeCompensation, compensated, resume
+from .dead_time import compensated, resume
 from .detection import Alarm, Detector, Monitors, Observation, Reaction, detectors
 from .supervisor import SafetyLimits, Supervisor, user_part
 
@@ -365,8 +365,6 @@ class Guidance:
             step = replace(step, diagnostics=replace(step.diagnostics, learnt=self._learnt))
             self._learnt = ()
         self._control_step = step
-        if isinstance(self._controller, DeadTimeCompensation):
-            self._controller.record(step.command)
         self.tick += 1
         self.reference_tick += not self._supervisor.waits
         return step.command

@@ -1,16 +1,16 @@
 """Supervisor: holds, slows down or stops the vehicle on a bad estimate, controller or reference."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..errors import ControllerFailed, GuidanceFailed, InvalidTuning
-from ..models.kinematics import Error, estimated_error
+from ..errors import ControllerFailed, GuidanceFailed
+from ..laws.tracking_controller import TrackingController, write_told
+from ..layout import ALARM, ESTIMATE, TICK, estimate_row, new_tick
 from ..reference.path import Projection
 from ..reference.reference import Reference, ReferenceSample
 from ..types import (
@@ -22,14 +22,37 @@ from ..types import (
     FloatArray,
     Input,
     Preparing,
-    Sensor,
     SolverReport,
     SpaceBased,
     State,
     TubeReport,
 )
 from ..vehicle import CommandLimits
-from .detection import Alarm, Reaction, Reactions
+from .dead_time import DeadTimeCompensation
+from .detection import Alarm
+from .supervise import (
+    ALARM_HELD,
+    CORRIDOR,
+    CUT_NOT_FINITE,
+    CUT_RANGE,
+    CUT_RATE,
+    DRIVE,
+    GUARD,
+    HOLD,
+    LAG_M,
+    LOST,
+    NO_ESTIMATE,
+    NOT_FINITE,
+    ON_PATH,
+    SAFETY,
+    STOP,
+    UNCERTAIN,
+    UNSEEN,
+    Course,
+    SafetyLimits,
+    decide,
+    finish,
+)
 
 
 @contextmanager
@@ -77,61 +100,6 @@ _SOLVER_NUMBERS: Final = [item.name for item in fields(SolverReport) if item.nam
 _MOST_POINTS: Final = 10_000  # of a predicted path
 _MOST_TEXT: Final = 1000  # characters of a reason
 _NUMBER: Final = (int, float, np.number, np.bool_)
-_ROUNDING: Final = 1e-9  # an excess over a limit below this is not reported
-
-
-class CommandGuard:
-    """Asks a controller for its step and returns one that can be driven and logged.
-
-    A command beyond an amplitude or a rate is cut to the nearest allowed one. An entry that is
-    not finite keeps its value of the tick before, 0 at the first tick. Both are reported in
-    `Diagnostics.fallback` and `Diagnostics.limited`.
-    """
-
-    def __init__(self, controller: Controller, limits: CommandLimits) -> None:
-        self._controller = controller
-        self._limits = limits
-        self._previous: FloatArray | None = None
-
-    def exchange(self, controller: Controller, limits: CommandLimits) -> None:
-        """Ask another controller from now on; its first step is limited from the last command."""
-        self._controller, self._limits = controller, limits
-
-    def step(self, estimate: Estimate, k: int) -> ControlStep:
-        """Return the step of tick `k` with a command within the limits.
-
-        Raises:
-            ControllerFailed: the controller raised, or returned neither a `Command` nor a
-                `ControlStep` with numbers and arrays of the documented shapes.
-        """
-        with user_part(ControllerFailed, f"the controller raised at tick {k}"):
-            answer: object = self._controller.step(estimate, k)
-        step = _checked(answer, k)
-        desired = _numbers(step.command, k)
-        if self._previous is None:
-            allowed = self._limits.clamp(np.where(np.isfinite(desired), desired, 0.0))
-        else:
-            allowed, _ = self._limits.apply(desired, self._previous)
-        self._previous = allowed
-        pairs = zip(allowed.tolist(), desired.tolist(), strict=True)
-        beyond = [not abs(cut - own) <= _ROUNDING for cut, own in pairs]  # NaN is beyond
-        if not any(beyond):
-            return step
-        reasons = ", ".join(self._reason(desired, i) for i, out in enumerate(beyond) if out)
-        note = f"the controller's {reasons}: cut"
-        diagnostics = replace(
-            step.diagnostics,
-            limited=np.asarray(step.diagnostics.limited, dtype=np.bool_) | np.array(beyond),
-            fallback="; ".join(filter(None, (step.diagnostics.fallback, note))),
-        )
-        return ControlStep(Command(*allowed.tolist()), diagnostics)
-
-    def _reason(self, desired: FloatArray, entry: int) -> str:
-        value, name = desired.item(entry), fields(Command)[entry].name
-        if not math.isfinite(value):
-            return f"{name} not finite"
-        low, high = self._limits.lower.item(entry), self._limits.upper.item(entry)
-        return f"{name} beyond its {'rate' if low <= value <= high else 'range'}"
 
 
 def _checked(answer: object, k: int) -> ControlStep:
@@ -208,44 +176,6 @@ def _is_text(value: object) -> bool:
     )
 
 
-_GNSS = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
-_SLOW = 0.5  # share of the reference's hydrostat position that is left at half speed
-_UP_TO_SPEED = 0.8  # share of the reference's speed from which on it no longer waits; assumed
-_LAG_M = 1.0  # behind the reference, up to which a corridor slows the vehicle down; assumed
-
-
-@dataclass(frozen=True, slots=True)
-class SafetyLimits:
-    """Limits at which a supervisor slows down and stops; all assumed.
-
-    Without GNSS the filter `ekf` drifts by some decimetres in the time to `unseen_stop_s`: after
-    10 s by 17 cm in the median and 40 cm at most, in the project's own simulated outages.
-
-    Raises:
-        InvalidTuning: a value is not above 0.
-
-    Examples:
-        >>> SafetyLimits(unseen_stop_s=6.0).unseen_stop_s
-        6.0
-    """
-
-    unseen_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
-    unseen_stop_s: float = 12.0
-    blind_s: float = 1.0  # without a finite estimate: hold the command so long, then stop
-    uncertain_slow_m: float = 0.25  # standard deviation of the tractor point
-    uncertain_stop_m: float = 0.50
-    cross_m: float = 2.0  # cross-track error of either point
-    distance_m: float = 4.0  # of either point from its reference
-    yaw: float = math.radians(60.0)  # yaw error of either body [rad]
-    jump_m: float = 0.3  # change of the error in one period beyond that of the speeds
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not value > 0.0:
-                raise InvalidTuning(f"{item.name}: got {value}, must be above 0")
-
-
 def run_on(ticks: int) -> int:
     """Return the ticks by which the reference of a space-based controller is continued.
 
@@ -257,8 +187,8 @@ def run_on(ticks: int) -> int:
 class Supervisor:
     """Runs a controller as long as estimate and reference allow it.
 
-    The controller's step is taken through a `CommandGuard`. Where nothing is wrong its command is
-    sent as it is.
+    `decide` finds what is wrong, then the controller is asked if it is to drive, and `finish`
+    limits its command, see there. Where nothing is wrong a feasible command is sent as it is.
 
     - Estimate not finite, or no new one: the last command is held for `blind_s`, then the vehicle
       stops.
@@ -290,35 +220,47 @@ class Supervisor:
         period_s: float,
         safety: SafetyLimits | None = None,
     ) -> None:
-        self._period_s = period_s
-        self._safety = safety or SafetyLimits()
+        self._period_s, self._safety = period_s, safety or SafetyLimits()
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
-        self._guard = CommandGuard(controller, CommandLimits.of(reference.vehicle, period_s))
+        self._guard, self._tick = np.zeros(GUARD.itemsize // 8), new_tick()
         self._follow(controller, reference)
         if self.space_based:
-            self._projection = Projection(self._grid.state[:, :2])
-        start = self._limits.clamp(self._grid.inputs[0])
-        unlimited = np.zeros(len(Input), dtype=np.bool_)
-        self._last = ControlStep(Command(*start.tolist()), _override(start, unlimited, ""))
-        self._overridden = False  # whether the last command was the supervisor's own
-        self._finite_s: float | None = None  # time of the last finite estimate
-        self._seen_s: float | None = None  # time of the last accepted GNSS sample
-        self._error: FloatArray | None = None  # z_e of the tick before
-        self._stopped = ""  # reason of a stop for good
-        self._reactions = Reactions()
-        self._waiting = False  # whether the reference waits where it is ahead
-        self.waits = False  # whether the reference stays at the tick of the last step
+            self._projection = Projection(self._course.state[:, :2])
+        guard = self._guard.view(GUARD)[0]
+        guard["sent"] = CommandLimits.of(reference.vehicle, period_s).clamp(self._start)
+        guard["began"] = self._law is not None
+        guard["finite_s"] = guard["seen_s"] = guard["error"] = math.nan
+        guard["held"], guard["alarm_s"] = -1.0, -math.inf
+        self._held = ""  # reason of the stop that is held
+        self._told: Diagnostics | None = None  # by the controller at this tick
+        self._sample = 0  # of the reference, of the controller at this tick
+        self._reasons: Callable[[int, FloatArray], str] = lambda row, numbers: ""
+        self._alarms: FloatArray = np.zeros((0, ALARM))
 
     def _follow(self, controller: Controller, reference: Reference) -> None:
-        self._limits = CommandLimits.of(reference.vehicle, self._period_s)
-        self._reverse = reference.vehicle.reverse
+        limits = CommandLimits.of(reference.vehicle, self._period_s)
+        self._dead_times = controller if isinstance(controller, DeadTimeCompensation) else None
+        asked = self._dead_times.controller if self._dead_times else controller
+        self._controller = asked
+        self._law = asked if isinstance(asked, TrackingController) else None
         self._preparing = controller if isinstance(controller, Preparing) else None
         grid = reference.on_grid(self._period_s)
         if self.space_based:
             grid = reference.on_grid(self._period_s, beyond=run_on(len(grid.time_s)))
-        self._grid, self._hp = grid, grid.inputs[:, Input.HP]
-        self._speed = float(np.abs(grid.state[:, State.V]).max())
-        self._beyond_limits = beyond_limits(grid, self._limits)
+        self._start, self._beyond_limits = grid.inputs[0], beyond_limits(grid, limits)
+        self._commands = self._dead_times.commands if self._dead_times else np.zeros((0, 3))
+        self._course = Course(
+            state=grid.state,
+            trailer_xy=grid.trailer_xy,
+            hp=np.ascontiguousarray(grid.inputs[:, Input.HP]),
+            beyond=np.array([float(bool(text)) for text in self._beyond_limits]),
+            limits=np.stack([limits.lower, limits.upper, limits.step]),
+            safety=np.array([getattr(self._safety, name) for name in SAFETY.fields or ()]),
+            period_s=self._period_s,
+            speed=float(np.abs(grid.state[:, State.V]).max()),
+            gear=-1.0 if reference.vehicle.reverse else 1.0,
+            hold_back=self._dead_times.hold_back if self._dead_times else np.zeros((3, 2)),
+        )
 
     def exchange(self, controller: Controller, reference: Reference) -> None:
         """Go on with another controller and a reference of the same path and speed.
@@ -326,13 +268,22 @@ class Supervisor:
         Only the vehicle of the reference may differ; the place on the path is kept.
         """
         self._follow(controller, reference)
-        self._guard.exchange(controller, self._limits)
-        self._error = None  # to the other reference
+        self._guard.view(GUARD)[0]["error"] = math.nan  # to the other reference
 
     def prepare(self, k: int) -> None:
         """Let the controller prepare tick `k`, where it can."""
         if self._preparing:
             self._preparing.prepare(k)
+
+    @property
+    def waits(self) -> bool:
+        """Whether the reference stays at the tick of the last step."""
+        return bool(self.tick.view(TICK)[0]["waits"])
+
+    @property
+    def tick(self) -> FloatArray:
+        """Record `TICK` of the last step."""
+        return self._tick
 
     def step(
         self, estimate: Estimate | None, k: int, time_s: float, alarms: Sequence[Alarm] = ()
@@ -347,167 +298,144 @@ class Supervisor:
             alarms: of the detectors at this tick.
 
         Raises:
-            ControllerFailed: as `CommandGuard.step`.
+            ControllerFailed: the controller raised, or returned neither a `Command` nor a
+                `ControlStep` with numbers and arrays of the documented shapes.
         """
-        safety = self._safety
-        self.waits = False
-        if self._finite_s is None:
-            self._finite_s = time_s
-        if estimate is None or not _finite(estimate):
-            self._error = None
-            reason = "no new estimate" if estimate is None else "estimate not finite"
-            if time_s - self._finite_s <= safety.blind_s:
-                return self._steady(self._last.command.hp, f"{reason}: command held")
-            return self._stop(f"{reason} for more than {safety.blind_s:g} s")
-        self._finite_s = time_s
-        sample = min(k, len(self._hp) - 1)
-        if self.space_based:
-            x, y = estimate.state[: State.PSI_T].tolist()
-            sample = round(self._projection.place(x, y))
-        error = estimated_error(estimate, self._grid, sample)
-        jump = self._jump(error)
-        self._error = error
-        self._stopped = self._stopped or _astray(error, safety)
-        unseen_s, deviation = self._unseen_s(estimate, time_s), _deviation_m(estimate)
-        reaction, reasons = self._reactions.decide(alarms, float(estimate.state[State.V]), time_s)
-        if self._stopped:
-            return self._stop(self._stopped, error)
-        if reaction is Reaction.STOP:
-            return self._stop(reasons, error)
-        if unseen_s > safety.unseen_stop_s:
-            reason = f"position not measured for more than {safety.unseen_stop_s:g} s"
-            return self._stop(reason, error)
-        if deviation > safety.uncertain_stop_m:
-            reason = f"position uncertain by more than {safety.uncertain_stop_m:g} m"
-            return self._stop(reason, error)
-        if reaction is Reaction.STOP_ON_PATH:
-            return self._stop_on_path(estimate, k, reasons, error)
-        slow = ""
-        if unseen_s > safety.unseen_slow_s:
-            slow = f"position not measured for more than {safety.unseen_slow_s:g} s: half speed"
-        elif deviation > safety.uncertain_slow_m:
-            slow = f"position uncertain by more than {safety.uncertain_slow_m:g} m: half speed"
-        elif reaction is Reaction.SLOW:
-            slow = f"{reasons}: half speed"
-        self._wait(error, sample, estimate.state.item(State.V), slows=bool(slow))
-        lagging = False
-        before, step = self._last.command, self._guard.step(estimate, k)
-        if not slow and step.diagnostics.leaves_corridor:
-            slow = f"corridor cannot be kept: half speed until {_LAG_M:g} m behind the reference"
-            lagging = error[Error.X_T] * math.copysign(1.0, self._hp[sample]) > _LAG_M
-        if slow or self._overridden:
-            largest_hp = _SLOW * abs(self._hp[sample]) if slow and not lagging else math.inf
-            step = self._rejoin(step, before, largest_hp)
-        alarmed = "" if slow else reasons
-        notes = [self._beyond_limits[sample], jump, slow, alarmed, step.diagnostics.fallback]
-        diagnostics = replace(
-            step.diagnostics, tracking_error=error, fallback="; ".join(filter(None, notes))
+        row = _NO_ESTIMATE if estimate is None else estimate_row(estimate)
+        rows = np.array([[alarm.reaction, 0.0, 0.0, 0.0] for alarm in alarms]).reshape(-1, ALARM)
+        command = self.drive(
+            None if estimate is None else row,
+            k,
+            time_s,
+            rows,
+            lambda row, numbers: alarms[row].reason,
+            None if estimate is None else lambda: estimate,
         )
-        self._last = ControlStep(step.command, diagnostics)
-        return self._last
+        return ControlStep(Command(*command.tolist()), self.diagnostics())
 
-    def _rejoin(self, step: ControlStep, before: Command, largest_hp: float) -> ControlStep:
-        """Return `step` within the rate limits from `before` and a hydrostat of +-`largest_hp`.
+    def drive(
+        self,
+        row: FloatArray | None,
+        k: int,
+        now: float,
+        alarms: FloatArray,
+        reasons: Callable[[int, FloatArray], str],
+        view: Callable[[], Estimate] | None,
+    ) -> FloatArray:
+        """Do `step` on flat arrays and return the command (3,); `tick` has the record of it.
 
-        The controller's own rate limits start at the command that it returned last, which was not
-        sent while the supervisor drove.
+        Args:
+            row: record `ESTIMATE`; None as of `step`.
+            k: as of `step`, with `now` its `time_s`.
+            alarms: rows (m, `ALARM`).
+            reasons: returns the words of an alarm from its row and its three numbers.
+            view: returns the estimate, for a controller that is not compiled.
         """
-        desired = step.command.as_array()
-        desired[Input.HP] = min(max(desired[Input.HP], -largest_hp), largest_hp)
-        command, _ = self._limits.apply(desired, before.as_array())
-        changed = command != step.command.as_array()
-        self._overridden = bool(changed.any())
-        if not self._overridden:
-            return step
-        diagnostics = replace(step.diagnostics, limited=step.diagnostics.limited | changed)
-        return ControlStep(Command(*command.tolist()), diagnostics)
+        course, guard, tick = self._course, self._guard, self._tick
+        fresh, estimate = row is not None, _NO_ESTIMATE if row is None else row
+        sample = min(k, len(course.hp) - 1)
+        if self.space_based and np.isfinite(estimate[1:3]).all():
+            sample = round(self._projection.place(*estimate[1:3].tolist()))
+        mode = decide(sample, now, fresh, estimate, alarms, course, guard, tick)
+        self._told, self._sample, self._alarms, self._reasons = None, k, alarms, reasons
+        record = guard.view(GUARD)[0]
+        held = int(record["held"])
+        if held < 0:
+            self._held = ""
+        elif not self._held:
+            self._held = reasons(held, record["held_numbers"])
+        if mode in (DRIVE, ON_PATH) and view is not None:
+            self._ask(estimate, view, k)
+        finish(self._law is not None, course, self._commands, guard, tick)
+        return record["sent"].copy()
 
-    def _stop(self, reason: str, error: FloatArray | None = None) -> ControlStep:
-        step = self._steady(0.0, f"{reason}: stopped", error)
-        self._last = replace(step, diagnostics=replace(step.diagnostics, stopping=True))
-        self._waiting = True
-        self.waits = error is None or self._is_ahead(error)
-        return self._last
+    def _ask(self, row: FloatArray, view: Callable[[], Estimate], k: int) -> None:
+        """Let the controller write its actions, or a user's its command, into the record."""
+        before, tick = self._guard[:3], self._tick
+        if self._dead_times:
+            predicted = self._dead_times.predicted(view())
+            before, row, view = self._commands[0], estimate_row(predicted), lambda: predicted
+        with user_part(ControllerFailed, f"the controller raised at tick {k}"):
+            if self._law is not None:
+                self._told = self._law.act(row, view, k, before.copy(), tick)
+                return
+            answer: object = self._controller.step(view(), k)
+        step = _checked(answer, k)
+        self._told = step.diagnostics
+        write_told(step.diagnostics, tick)
+        control = tick.view(TICK)[0]["control"]
+        control[:, 4], control[:, 7] = _numbers(step.command, k), step.diagnostics.limited
 
-    def _stop_on_path(
-        self, estimate: Estimate, k: int, reason: str, error: FloatArray
-    ) -> ControlStep:
-        step = self._rejoin(self._guard.step(estimate, k), self._last.command, largest_hp=0.0)
-        diagnostics = replace(
-            step.diagnostics, tracking_error=error, fallback=f"{reason}: stopped", stopping=True
+    def diagnostics(self) -> Diagnostics:
+        """Return the view of the record of the last step."""
+        t = self._tick.view(TICK)[0]
+        told = self._told
+        if told is None:
+            asked = self._law is not None and t["mode"] in (DRIVE, ON_PATH)
+            told = self._law.view(self._sample, self._tick) if self._law and asked else _NOTHING
+        control, error = t["control"], t["tracking"][:7]
+        return replace(
+            told,
+            feedforward=control[:, 0].copy(),
+            feedback=control[:, 1].copy(),
+            robust=control[:, 2].copy(),
+            limited=control[:, 7] != 0.0,
+            tracking_error=None if np.isnan(error[0]) else error.copy(),
+            fallback=self._words(told.fallback),
+            stopping=bool(t["stopping"]),
         )
-        self._last = ControlStep(step.command, diagnostics)
-        self._overridden = self._waiting = True
-        self.waits = self._is_ahead(error)
-        return self._last
 
-    def _wait(self, error: FloatArray, k: int, speed: float, *, slows: bool) -> None:
-        """Decide whether the reference waits at tick `k` while the vehicle drives."""
-        if slows:
-            self._waiting = True
-        elif abs(speed) >= _UP_TO_SPEED * abs(self._grid.state.item(k, State.V)):
-            self._waiting = False
-        self.waits = self._waiting and self._is_ahead(error)
-
-    def _is_ahead(self, error: FloatArray) -> bool:
-        x, y, yaw = error[[Error.X_T, Error.Y_T, Error.PSI_T]].tolist()
-        along = x * math.cos(yaw) + y * math.sin(yaw)  # in the frame of the reference
-        return along * (-1.0 if self._reverse else 1.0) >= 0.0
-
-    def _steady(self, hp: float, reason: str, error: FloatArray | None = None) -> ControlStep:
-        """Hold both steering angles and move the hydrostat to `hp`, booked as feedforward."""
-        before = self._last.command.as_array()
-        command, limited = self._limits.apply(np.array([*before[:2], hp]), before)
-        diagnostics = _override(command, limited, reason, error)
-        self._last = ControlStep(Command(*command.tolist()), diagnostics)
-        self._overridden = True
-        return self._last
-
-    def _unseen_s(self, estimate: Estimate, time_s: float) -> float:
-        """Return the time since the position was measured [s]."""
-        if any(item.accepted and item.sensor in _GNSS for item in estimate.innovations):
-            self._seen_s = estimate.time_s
-        return time_s - (estimate.time_s if self._seen_s is None else self._seen_s)
-
-    def _jump(self, error: FloatArray) -> str:
-        """Return a note where the error changed faster than the speeds explain, else ""."""
-        if self._error is None:
-            return ""
-        (x, y, *_, v), (last_x, last_y, *_) = error.tolist(), self._error.tolist()
-        moved = math.hypot(x - last_x, y - last_y)
-        speed = abs(v) + self._speed
-        if moved <= self._safety.jump_m + 2.0 * speed * self._period_s:
-            return ""
-        return f"error jumped by {moved:.1f} m: driving back"
-
-
-def _override(
-    command: FloatArray, limited: NDArray[np.bool_], reason: str, error: FloatArray | None = None
-) -> Diagnostics:
-    none = np.zeros(len(Input))
-    return Diagnostics(command, none, none, limited, tracking_error=error, fallback=reason)
+    def _words(self, told: str) -> str:
+        t, safety = self._tick.view(TICK)[0], self._safety
+        mode, reason, said = int(t["mode"]), int(t["reason"]), ""
+        alarms = [self._reasons(i, row[1:]) for i, row in enumerate(self._alarms) if row[0] >= 0.0]
+        limits = {
+            UNSEEN: (safety.unseen_slow_s, safety.unseen_stop_s),
+            UNCERTAIN: (safety.uncertain_slow_m, safety.uncertain_stop_m),
+        }
+        if reason in (NO_ESTIMATE, NOT_FINITE):
+            said = "no new estimate" if reason == NO_ESTIMATE else "estimate not finite"
+            said += ": command held" if mode == HOLD else f" for more than {safety.blind_s:g} s"
+        elif LOST <= reason < ALARM_HELD:
+            body, how = divmod(reason - LOST, 3)
+            said = ("tractor ", "trailer ")[body] + (
+                f"more than {safety.distance_m:g} m from its reference",
+                f"more than {safety.cross_m:g} m beside its reference",
+                f"turned by more than {math.degrees(safety.yaw):.0f} deg",
+            )[how]
+        elif reason == ALARM_HELD:
+            said = "; ".join(alarms) if mode == DRIVE else self._held
+        elif reason == UNSEEN:
+            said = f"position not measured for more than {limits[UNSEEN][mode != DRIVE]:g} s"
+        elif reason == UNCERTAIN:
+            said = f"position uncertain by more than {limits[UNCERTAIN][mode != DRIVE]:g} m"
+        if mode in (STOP, ON_PATH):
+            return f"{said}: stopped"
+        if mode == HOLD:
+            return said
+        if reason == CORRIDOR:
+            said = f"corridor cannot be kept: half speed until {LAG_M:g} m behind the reference"
+        elif reason:
+            said += ": half speed"
+        jump = float(t["jump_m"])
+        cut = ", ".join(
+            f"{_COMMAND[i]} {_CUTS[int(kind)]}" for i, kind in enumerate(t["cut"]) if kind
+        )
+        notes = (
+            self._beyond_limits[int(t["sample"])],
+            f"error jumped by {jump:.1f} m: driving back" if jump else "",
+            said or "; ".join(alarms),
+            told,
+            f"the controller's {cut}: cut" if cut else "",
+        )
+        return "; ".join(filter(None, notes))
 
 
-def _finite(estimate: Estimate) -> bool:
-    arrays = estimate.state, estimate.trailer_xy, estimate.disturbance, estimate.map_disturbance
-    return math.isfinite(estimate.hitch_angle + sum(sum(array.tolist()) for array in arrays))
-
-
-def _deviation_m(estimate: Estimate) -> float:
-    """Return the standard deviation of the tractor point along the worse axis of the map [m]."""
-    covariance = estimate.covariance
-    largest = max(covariance.item(State.X, State.X), covariance.item(State.Y, State.Y))
-    return math.sqrt(largest) if largest >= 0.0 else math.inf
-
-
-def _astray(error: FloatArray, safety: SafetyLimits) -> str:
-    """Return the limit of tracking that `error` exceeds, "" if none."""
-    x_t, y_t, psi_t, x_i, y_i, psi_i, _ = error.tolist()
-    for body, x, y, yaw in (("tractor", x_t, y_t, psi_t), ("trailer", x_i, y_i, psi_i)):
-        if math.hypot(x, y) > safety.distance_m:
-            return f"{body} more than {safety.distance_m:g} m from its reference"
-        if abs(y) > safety.cross_m:
-            return f"{body} more than {safety.cross_m:g} m beside its reference"
-        if abs(yaw) > safety.yaw:
-            return f"{body} turned by more than {math.degrees(safety.yaw):.0f} deg"
-    return ""
+_NO_ESTIMATE: Final[FloatArray] = np.full(ESTIMATE.itemsize // 8, math.nan)
+_NOTHING: Final = Diagnostics()
+_COMMAND: Final = [item.name for item in fields(Command)]
+_CUTS: Final = {
+    CUT_NOT_FINITE: "not finite",
+    CUT_RANGE: "beyond its range",
+    CUT_RATE: "beyond its rate",
+}

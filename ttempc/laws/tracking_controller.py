@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..layout import ESTIMATE, TICK, estimate_row, new_tick
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import Command, ControlStep, Diagnostics, Estimate, FloatArray, Input, Resuming, State
 from ..vehicle import CommandLimits, Vehicle
@@ -29,8 +30,43 @@ class FeedbackLaw:
         """
         raise NotImplementedError
 
+    def act(
+        self,
+        k: int,
+        row: FloatArray,
+        view: Callable[[], Estimate],
+        sent: FloatArray,
+        tick: FloatArray,
+    ) -> Diagnostics | None:
+        """Write the actions of tick `k` into the record `TICK`; return what it does not hold.
+
+        `row` is the record `ESTIMATE`, `view` makes the estimate of it; the rest is as of `step`.
+        """
+        told = self.step(k, view(), sent)
+        write_told(told, tick)
+        return told
+
+    def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
+        """Return the view of the record of tick `k` where `act` has returned None."""
+        raise NotImplementedError
+
     def prepare(self, k: int) -> None:
         """Get ready for tick `k`, see `ttempc.types.Preparing`."""
+
+
+def write_told(told: Diagnostics, tick: FloatArray) -> None:
+    """Write the numbers of a controller's diagnostics into the record `TICK`."""
+    t = tick.view(TICK)[0]
+    control, solver, tube = t["control"], told.solver, told.tube
+    control[:, 0], control[:, 1], control[:, 2] = told.feedforward, told.feedback, told.robust
+    if told.modelling_error is not None:
+        t["tracking"][7:] = told.modelling_error
+    if tube is not None:
+        t["tube"] = (tube.inside, tube.margin, *tube.nominal, *tube.half_width)
+    if solver is not None:
+        residuals = solver.primal_residual, solver.dual_residual
+        t["solver"][:4] = (solver.accepted, solver.iterations, *residuals)
+    t["leaves_corridor"], t["law"] = told.leaves_corridor, -1.0 if told.fallback else 0.0
 
 
 class NoFeedback(FeedbackLaw):
@@ -64,7 +100,9 @@ class TrackingController:
     ) -> None:
         self.space_based = space_based
         self._grid = grid
-        self._feedforward = feedforward
+        self._feedforward = feedforward.copy()  # delta_i = lambda - beta
+        if not measured_hitch:
+            self._feedforward[:, Input.DELTA_I] -= grid.hitch_angle[: len(feedforward)]
         self.feedback = feedback
         self._limits = limits
         self._measured_hitch = measured_hitch
@@ -105,22 +143,42 @@ class TrackingController:
                 self.feedback.resume(previous.feedback)
 
     def prepare(self, k: int) -> None:
+        self.feedback.prepare(min(k, len(self._feedforward) - 1))
+
+    def act(
+        self,
+        row: FloatArray,
+        view: Callable[[], Estimate],
+        k: int,
+        sent: FloatArray,
+        tick: FloatArray,
+    ) -> Diagnostics | None:
+        """Write the actions of tick `k`, without limits; the rest is as of `FeedbackLaw.act`."""
         k = min(k, len(self._feedforward) - 1)
-        self._limits.apply(self._feedforward[k], self._previous)
-        self.feedback.prepare(k)
+        told = self.feedback.act(k, row, view, sent, tick)
+        feedforward = self._feedforward[k]
+        control = tick.view(TICK)[0]["control"]
+        control[:, 0] = feedforward
+        if self._measured_hitch:
+            control[Input.DELTA_I, 0] -= row.view(ESTIMATE)[0]["hitch_angle"]
+        return told
+
+    def view(self, k: int, tick: FloatArray) -> Diagnostics:
+        """Return the view of the record of tick `k` where `act` has returned None."""
+        return self.feedback.diagnostics(min(k, len(self._feedforward) - 1), tick)
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""
-        k = min(k, len(self._feedforward) - 1)
-        actions = self.feedback.step(k, estimate, self._previous)
-        feedforward = self._feedforward[k].copy()
-        beta = estimate.hitch_angle if self._measured_hitch else self._grid.hitch_angle[k]
-        feedforward[Input.DELTA_I] -= beta  # delta^i = lambda - beta
-        total = feedforward + actions.feedback + actions.robust
-        command, changed = self._limits.apply(total, self._previous)
+        tick = new_tick()
+        row = estimate_row(estimate)
+        told = self.act(row, lambda: estimate, k, self._previous, tick)
+        control = tick.view(TICK)[0]["control"]
+        command, changed = self._limits.apply(control[:, :3].sum(axis=1), self._previous)
         limited = changed | self._limits.holds(command, self._previous)
         self._previous = command
-        diagnostics = replace(actions, feedforward=feedforward, limited=limited)
+        diagnostics = replace(
+            told or self.view(k, tick), feedforward=control[:, 0].copy(), limited=limited
+        )
         return ControlStep(Command(*command.tolist()), diagnostics)
 
 

@@ -215,7 +215,8 @@ class _Response:
 
     def fit(self) -> ActuatorFit:
         """Return the best parameters; each one more than the dead time must be worth it."""
-        coarse = replace(self, times=self.times[::_COARSE], samples=self.samples[::_COARSE])
+        times, samples = (all_[::_COARSE].copy() for all_ in (self.times, self.samples))
+        coarse = replace(self, times=times, samples=samples)
         grid = [np.array([d, self.lag, 0.0]) for d in np.linspace(0.0, LONGEST_S, 16)]
         start = min(grid, key=lambda values: _squares(coarse.residuals(values)))
         best = self._search(start, [_DEAD_TIME])

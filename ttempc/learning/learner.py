@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from threading import Event, Thread
@@ -88,9 +87,9 @@ class Learnt(Generic[_Parts]):
 
 @dataclass(slots=True)
 class _Turn:
-    """Work of a thread; without one of this process it is done anew, from the begin."""
+    """Work of a thread, to be begun anew where there is none: in a copy, in a child of a fork."""
 
-    pid: int = 0
+    thread: Thread | None = None
     done: Event = field(default_factory=Event)
     outcome: tuple[Identification, Any, list[Identifier]] | None = None
     error: BaseException | None = None
@@ -168,9 +167,11 @@ class Learner(Generic[_Parts]):
         """Wait for the thread, without a limit, if tick `k` is the one of its exchange or later."""
         if self._window is None or k < self._due:
             return
-        self._work().done.wait()
+        if not self._work().done.is_set():
+            self._turn.done.wait()
         self._catch_up()
-        self._turn.done.wait()
+        if not self._turn.done.is_set():
+            self._turn.done.wait()
 
     def forget(self) -> None:
         """Drop what was recorded, and an attempt under way: it was of a vehicle with a fault."""
@@ -206,8 +207,9 @@ class Learner(Generic[_Parts]):
         return Learnt(result.changes, result.vehicle, parts, sent)
 
     def _work(self) -> _Turn:
-        """Return the present turn, after a begin anew where its thread is of another process."""
-        if self._turn.pid != os.getpid():
+        """Return the present turn, after a begin anew where its thread has ended without it."""
+        thread = self._turn.thread
+        if (thread is None or not thread.is_alive()) and not self._turn.done.is_set():
             self._begin()
         return self._turn
 
@@ -235,7 +237,7 @@ class Learner(Generic[_Parts]):
         self._start(turn)
 
     def _start(self, function: Any) -> None:  # noqa: ANN401 - a turn's function
-        turn = self._turn = _Turn(os.getpid())
+        turn = self._turn = _Turn()
 
         def run() -> None:
             try:
@@ -245,14 +247,14 @@ class Learner(Generic[_Parts]):
             finally:
                 turn.done.set()
 
-        thread = Thread(target=run, name="ttempc-learning", daemon=True)
+        turn.thread = Thread(target=run, name="ttempc-learning", daemon=True)
         try:
-            thread.start()
+            turn.thread.start()
         except RuntimeError as error:  # the system has no more of them
             turn.error = error
             turn.done.set()
         else:
-            _THREADS.add(thread)
+            _THREADS.add(turn.thread)
 
 
 def _attempt(

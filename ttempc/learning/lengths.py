@@ -10,14 +10,12 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtri
 
-from ..estimation.ekf import LeverArm
 from ..estimation.filter import (
     AUGMENTED,
     FADING,
     FILTER,
     MOMENT,
     VALVES,
-    WIDTH,
     HeldCommands,
     after_dead_times,
     correct,
@@ -28,19 +26,21 @@ from ..estimation.filter import (
 )
 from ..estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ..jit import cached_njit
+from ..layout import SAMPLE, measurements_of
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
     KERNEL_INDEX,
-    LENGTH,
     SIZE,
     STATES,
+    SensorIndex,
     measure,
     move_augmented_state,
 )
+from ..models.rows import WIDTH
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, Identification, ParameterChange
-from .window import RecordedTick
+from .window import COMMAND, HEADINGS, SAMPLES, TIME, RecordedTick, Window
 
 PARAMETERS: Final = 4  # lengths, the first of `VehicleParameter`
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
@@ -81,7 +81,7 @@ def replay(
         if span > 0.0:
             command, steps = events[row, 4:7], int(events[row, 7])
             for j in range(PARAMETERS):
-                copy_valves[:] = valves
+                copy_valves[0], copy_valves[1] = valves[0], valves[1]
                 for _ in range(steps):
                     move_augmented_state(
                         copies[j],
@@ -143,8 +143,7 @@ _MOST_STEPS: Final = 8
 _CONVERGED_SD: Final = 0.2  # a step of this share of the standard deviations is the last
 _LEAST_S: Final = 15.0  # of driving
 _BLOCK_S: Final = 5.0  # longer than innovations of a wrong model are correlated; assumed
-_LATENCY_S: Final = 1.0  # latency of GNSS at most
-
+_MEAN_S: Final = 0.2  # over which samples of a sensor are averaged; a lag of the front steering
 
 _GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
 _SLIP: Final = 0.03  # relative tolerance of what tyres can feign, see `_tolerance`; assumed
@@ -260,6 +259,7 @@ class _Replay:
 
     first: Mapping[Sensor, Measurement]  # of every sensor, before the events
     events: FloatArray
+    counts: FloatArray  # (sensors,) of which a sample of the events is the mean
     noise: SensorNoise
     process: ProcessNoise
 
@@ -272,49 +272,34 @@ class _Replay:
         process: ProcessNoise,
     ) -> _Replay | None:
         """Return the window from the first reading of every sensor on, None if it is too short."""
-        arm = LeverArm((noise.antenna_height_t, noise.antenna_height_i), _LATENCY_S)
-        corrected = (arm.corrected(tick.samples, tick.headings) for tick in window)
-        samples = [sample for samples in corrected for sample in samples if _complete(sample)]
-        samples.sort(key=lambda sample: (sample.time_s, KERNEL_INDEX[sample.sensor]))
-        sent: HeldCommands = [
-            (tick.time_s, tick.command.as_array()) for tick in window if tick.command is not None
-        ]
-        if len(sent) < 2:
+        flat = Window.of(window)
+        arrived = np.diff(flat.ticks[:, SAMPLES], prepend=0.0).astype(int)
+        headings = np.repeat(flat.ticks[:, HEADINGS], arrived, axis=0)
+        heights = noise.antenna_height_t, noise.antenna_height_i
+        samples, counts = _means(axle_points(flat.samples, headings, heights))
+        ticks = flat.ticks[~np.isnan(flat.ticks[:, COMMAND]).any(axis=1)]
+        sent: HeldCommands = list(zip(ticks[:, TIME].tolist(), ticks[:, COMMAND], strict=True))
+        of_sensor = [samples[samples[:, 1] == index] for index in KERNEL_INDEX.values()]
+        if len(sent) < 2 or not all(map(len, of_sensor)):
             return None
-        (begin, _), *driven = after_dead_times(sent, vehicle)
-        first: dict[Sensor, Measurement] = {}
-        rest: list[Measurement] = []
-        for sample in samples:
-            if len(first) == len(LENGTH) and sample.time_s > begin:
-                rest.append(sample)
-            else:
-                first[sample.sensor] = sample
-        if not rest or driven[-1][0] - rest[0].time_s < _LEAST_S:
+        ends, commands = map(np.array, zip(*after_dead_times(sent, vehicle), strict=True))
+        begin = max(ends[0], *(own[0, 0] for own in of_sensor))
+        first = measurements_of(np.array([own[own[:, 0] <= begin][-1] for own in of_sensor]))
+        rest = samples[(samples[:, 0] > begin) & (samples[:, 0] <= ends[-1])]
+        if not len(rest) or ends[-1] - rest[0, 0] < _LEAST_S:
             return None
-        now = max(begin, *(sample.time_s for sample in first.values()))
-        rows: list[list[float]] = []
-        start = now
-        waiting = iter([*(sample for sample in rest if sample.time_s > now), None])
-        sample = next(waiting)
-        for end, command in driven:
-            held = [] if command is None else command.tolist()
-            while sample is not None and sample.time_s <= end:
-                span, value = sample.time_s - now, (*sample.value, 0.0)[:2]
-                rows.append(
-                    [
-                        KERNEL_INDEX[sample.sensor],
-                        span,
-                        *value,
-                        *held,
-                        steps_over(span),
-                        (sample.time_s - start) // _BLOCK_S,
-                    ]
-                )
-                now, sample = sample.time_s, next(waiting)
-            if end > now:
-                rows.append([-1.0, end - now, 0.0, 0.0, *held, steps_over(end - now), 0.0])
-                now = end
-        return cls(first, np.array(rows), noise, process)
+        # Samples and ends of commands in order of time, a sample before an end
+        ends, commands = ends[1:], commands[1:]
+        times = np.append(rest[:, 0], later := ends[ends > begin])
+        order = np.argsort(times, kind="stable")
+        events = np.zeros((len(times), 9))
+        events[:, 0] = np.append(rest[:, 1], np.full(len(later), -1.0))[order]
+        events[:, 1] = spans = np.diff(times[order], prepend=begin)
+        events[:, 2:4] = np.append(rest[:, 2:4], np.zeros((len(later), 2)), axis=0)[order]
+        events[:, 4:7] = commands[np.searchsorted(ends, times[order])]
+        events[:, 7] = [steps_over(span) for span in spans.tolist()]
+        events[:, 8] = (times[order] - begin) // _BLOCK_S
+        return cls({reading.sensor: reading for reading in first}, events, counts, noise, process)
 
     def run(self, vehicle: Vehicle) -> tuple[float, FloatArray, FloatArray, float]:
         """Return cost, J' J and the blocks of J' r by the lengths of `vehicle`, and the roughness.
@@ -331,6 +316,7 @@ class _Replay:
         own, *others = (
             filter_parameters(item, self.noise, self.process, _GATE) for item in vehicles
         )
+        own.view(FILTER)[0]["variances"][: len(self.counts)] /= self.counts
         normal = np.zeros((count, count))
         gradients = np.zeros((int(self.events[:, -1].max()) + 1, count))
         cost = replay(
@@ -372,9 +358,52 @@ def _tolerance(lengths: FloatArray, roughness: float) -> FloatArray:
     return np.diag((_GEOMETRY * lengths) ** 2) + max(1.0, roughness) * slip
 
 
-def _complete(sample: Measurement) -> bool:
-    usable = len(sample.value) == LENGTH.get(sample.sensor, 0)
-    return usable and all(map(math.isfinite, (sample.time_s, *sample.value)))
+def axle_points(
+    samples: FloatArray, headings: FloatArray, heights_m: tuple[float, float]
+) -> FloatArray:
+    """Return sample rows (n, 5) with every position moved from its antenna to its axle point.
+
+    An antenna at height h moves h sin(roll) to the right of its point and h cos(roll) sin(pitch)
+    ahead of it; roll is positive with the left side up, pitch with the nose down. The attitude is
+    that of the IMU sample of the body that is nearest in time; without one a position stays as it
+    is. `headings` (n, 2) are the yaw of tractor and trailer [rad] at each sample.
+    """
+    result = samples.copy()
+    for body, height_m in enumerate(heights_m):
+        imu = samples[samples[:, 1] == SensorIndex.IMU_TRACTOR + body]
+        imu = imu[np.isfinite(imu).all(axis=1)]
+        if height_m == 0.0 or not len(imu):
+            continue
+        imu = imu[np.argsort(imu[:, 0])]
+        own = samples[:, 1] == body
+        at = samples[own, 0]
+        after = np.clip(np.searchsorted(imu[:, 0], at), 1, None).clip(None, len(imu) - 1)
+        near = after - (at - imu[after - 1, 0] < imu[after, 0] - at)
+        roll, pitch, yaw = imu[near, 3], imu[near, 4], headings[own, body]
+        right, ahead = height_m * np.sin(roll), height_m * np.cos(roll) * np.sin(pitch)
+        result[own, 2] -= ahead * np.cos(yaw) + right * np.sin(yaw)
+        result[own, 3] -= ahead * np.sin(yaw) - right * np.cos(yaw)
+    return result
+
+
+def _means(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return means of samples that follow each other within `_MEAN_S`, by time, then sensor.
+
+    The samples are rows (n, 5) of `SAMPLE` in any order; means of white noise tell as much of a
+    vehicle that hardly turns meanwhile. Each mean is one of as many samples as `counts` (sensors,)
+    has for its sensor, so that its variance is known; what is left over at a gap is dropped.
+    """
+    result, counts = [np.empty((0, SAMPLE))], np.ones(len(KERNEL_INDEX))
+    for index in KERNEL_INDEX.values():
+        own = rows[(rows[:, 1] == index) & np.isfinite(rows).all(axis=1)]
+        own = own[np.unique(own[:, 0], return_index=True)[1]]
+        every = np.median(np.diff(own[:, 0])) if len(own) > 1 else math.inf
+        counts[index] = n = max(1, round(_MEAN_S / every))
+        groups = own[: len(own) // n * n].reshape(-1, n, SAMPLE)
+        together = groups[:, -1, 0] - groups[:, 0, 0] < 1.5 * _MEAN_S
+        result.append(groups[together].mean(axis=1))
+    means = np.concatenate(result)
+    return means[np.lexsort((means[:, 1], means[:, 0]))], counts
 
 
 def _lengths(vehicle: Vehicle) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What an estimator received at the last control ticks: flat arrays, seen as a sequence."""
+"""Record of the samples and commands of the last control ticks: arrays, seen as a sequence."""
 
 from __future__ import annotations
 

@@ -260,9 +260,11 @@ def minimise(
             active[c] = now
         if tried == 0:
             if holds:
-                active[:] = 0.0
+                for c in range(size):
+                    active[c] = 0.0
                 return 0
-            free[:] = x
+            for i in range(n):
+                free[i] = x[i]
             continue
         if holds:
             for i in range(n):
@@ -278,7 +280,8 @@ def minimise(
                 if not abs(rest) <= _STATIONARY * scale:
                     return UNSOLVED
             return tried
-    active[:] = 0.0
+    for c in range(size):
+        active[c] = 0.0
     return UNSOLVED
 
 
@@ -429,8 +432,8 @@ class PersistentSolver:
         self._name = solver
         self._solver = _SOLVERS[solver]()
 
-    def __deepcopy__(self, memo: object) -> PersistentSolver:
-        return PersistentSolver(self._name)  # the solvers of the packages cannot be copied
+    def __reduce__(self) -> tuple[type[PersistentSolver], tuple[str]]:
+        return PersistentSolver, (self._name,)  # the solvers of the packages cannot be copied
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or the reason for which there is none."""

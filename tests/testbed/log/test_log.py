@@ -73,8 +73,9 @@ def test_a_reader_that_is_not_ours_finds_everything(logged):
         attachments = {file.name: file.data.decode() for file in reader.iter_attachments()}
         assert attachments == ATTACHMENTS
         rows = dict.fromkeys(record.tables, 0)
-        first_messages, fixes = {}, []
+        first_messages, fixes, times = {}, [], []
         for schema, channel, message, decoded in reader.iter_decoded_messages():
+            times.append(message.log_time)
             first_messages.setdefault(channel.topic, (schema.name, decoded))
             if channel.topic.startswith("/gnss/"):
                 fixes.append((channel.topic, message.log_time, decoded.timestamp.ToNanoseconds()))
@@ -85,6 +86,13 @@ def test_a_reader_that_is_not_ours_finds_everything(logged):
                 name = table.channel.fields[-1]
                 assert getattr(decoded, name) == table[name][row]
                 rows[channel.topic] += 1
+        statistics = reader.get_summary().statistics
+    assert times == sorted(times)
+    assert (statistics.message_count, statistics.message_start_time) == (len(times), times[0])
+    assert (sum(statistics.channel_message_counts.values()), statistics.message_end_time) == (
+        len(times),
+        times[-1],
+    )
     assert rows == {topic: len(table) for topic, table in record.tables.items()}
     for body in ("tractor", "trailer"):  # a fix is published on delivery, stamped with its sample
         taken = record[MEASUREMENT][f"gnss_{body}_time_s"]

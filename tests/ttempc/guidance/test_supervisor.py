@@ -1,4 +1,4 @@
-"""Supervisor and command guard."""
+"""Supervisor: reactions, and the limits of a command."""
 
 from __future__ import annotations
 
@@ -11,21 +11,20 @@ from tests.ttempc.closed_loop import PERIOD_S, seen_truth
 from ttempc.errors import ControllerFailed
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.detection import Alarm, Reaction
-from ttempc.guidance.supervisor import CommandGuard, Supervisor
+from ttempc.guidance.supervisor import Supervisor
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import (
     Command,
     ControlStep,
     Diagnostics,
-    Estimate,
     Innovation,
     Sensor,
     SolverReport,
     State,
     TubeReport,
 )
-from ttempc.vehicle import CommandLimits, Vehicle
+from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
@@ -175,8 +174,6 @@ def test_a_vehicle_that_makes_no_way_stops_and_steers_on_where_it_may():
         assert (len({command.delta_t for command in commands[12:]}) > 1) is steers
 
 
-LIMITS = CommandLimits.of(VEHICLE, 0.2)
-ESTIMATE = Estimate(0.0, np.zeros(7), np.zeros((7, 7)), np.zeros(2), 0.0)
 EMPTY = Diagnostics(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3, dtype=bool))
 
 
@@ -193,11 +190,11 @@ class Returning:
 def guarded(answer, previous=None):
     """Return the guarded step of `answer`, where the command before was `previous`."""
     controller = Returning(previous or Command(0.0, 0.0, 0.0))
-    guard = CommandGuard(controller, LIMITS)
+    supervisor = Supervisor(controller, REFERENCE, PERIOD_S)
     if previous is not None:
-        assert guard.step(ESTIMATE, 3).command == previous
+        assert supervisor.step(on_reference(3), 3, 3 * PERIOD_S).command == previous
     controller.answer = answer
-    return guard.step(ESTIMATE, 4)
+    return supervisor.step(on_reference(4), 4, 4 * PERIOD_S)
 
 
 @pytest.mark.parametrize("junk", [float("nan"), float("inf"), -float("inf")])
