@@ -340,7 +340,9 @@ def state_rate_jacobian(
     yaw_i_rate = -d * cos_i / arm
     yaw_i_delta_i = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
 
-    jacobian[:, :] = 0.0
+    for i in range(STATES):
+        for j in range(jacobian.shape[1]):
+            jacobian[i, j] = 0.0
     jacobian[AugmentedState.X, AugmentedState.PSI_T] = -v * (sin_t + slip_t * cos_t)
     jacobian[AugmentedState.Y, AugmentedState.PSI_T] = v * (cos_t - slip_t * sin_t)
     jacobian[AugmentedState.PSI_T, AugmentedState.DELTA_T] = yaw_t_delta
@@ -402,7 +404,9 @@ def move_augmented_state(
         after = min(max(command[i], valves[i] - reach), valves[i] + reach)
         inputs[i] = 0.5 * (valves[i] + after)
         valves[i] = after
-    stage_x = x.copy()
+    stage_x = np.empty(len(x))
+    for i in range(len(x)):
+        stage_x[i] = middle[i] = x[i]
     rates = np.empty((4, STATES))
     state_rate(x, inputs, parameters, rates[0])
     for stage in range(3):
@@ -410,7 +414,6 @@ def move_augmented_state(
         for i in range(STATES):
             stage_x[i] = x[i] + duration * rates[stage, i]
         state_rate(stage_x, inputs, parameters, rates[stage + 1])
-    middle[:] = x
     for i in range(STATES):
         change = step_s / 6.0 * (rates[0, i] + 2.0 * (rates[1, i] + rates[2, i]) + rates[3, i])
         middle[i] = x[i] + 0.5 * change
@@ -481,7 +484,8 @@ def measure(
     The reading of a gyro is the integral of its yaw rate over the time `span_s` since its last
     sample; the other sensors do not need it.
     """
-    jacobian[:, :] = 0.0
+    for j in range(jacobian.shape[1]):
+        jacobian[0, j] = jacobian[1, j] = 0.0
     error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
     if sensor == SensorIndex.GNSS_TRACTOR:
         reading[0], reading[1] = x[AugmentedState.X] - error_x, x[AugmentedState.Y] - error_y
