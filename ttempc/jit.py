@@ -3,6 +3,7 @@
 import atexit
 import functools
 import hashlib
+import inspect
 import logging
 import os
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
+from numba.extending import _Intrinsic
 
 _LOG: Final = logging.getLogger("ttempc")
 
@@ -143,6 +145,8 @@ def _described(name: str, value: object) -> str:
     match value:
         case Dispatcher():
             return fingerprint(value.py_func)
+        case _Intrinsic():
+            return inspect.getsource(inspect.getmodule(value._defn) or value._defn)
         case EnumType():
             return repr(list(value))
         case type() if issubclass(value, tuple):  # a named one

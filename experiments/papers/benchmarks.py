@@ -19,11 +19,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from types import FrameType, FunctionType
 from typing import Any, Final
 
 import mujoco
@@ -31,6 +32,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ttempc.guidance.controllers import make_controller
+from ttempc.guidance.guidance import Guidance
 from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -43,6 +45,7 @@ from ...testbed.randomness import generator
 from ...testbed.recording.provenance import machine
 from ...testbed.recording.record import Recorder, Tee
 from ...testbed.simulation import compiled_steps
+from ...testbed.simulation.loop import STAGES
 from ...testbed.simulation.plant import Plant
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..run.assembly import assemble
@@ -280,6 +283,48 @@ def closed_loop(overrides: Sequence[str] = ()) -> list[Figure]:
     ]
 
 
+def calls_of_a_period(overrides: Sequence[str] = (), ticks: int = 40) -> dict[str, float]:
+    """Return the Python calls of a control period of `grass` in memory, by stage: exact counts.
+
+    Calls of `Guidance.update` and `Guidance.step` stand under their own names, those of no stage
+    under "loop". The first ticks of the run do not count.
+    """
+    parts = {stage.__code__: stage.__name__ for stage in STAGES if isinstance(stage, FunctionType)}
+    parts |= {Guidance.update.__code__: "update", Guidance.step.__code__: "step"}
+    counts, inside = Counter[str](), ["loop"]
+
+    def count(frame: FrameType, event: str, argument: object) -> None:
+        if event == "call":
+            if frame.f_code in parts:
+                inside.append(parts[frame.f_code])
+            counts[inside[-1]] += 1
+        elif event == "return" and frame.f_code in parts:
+            inside.pop()
+
+    def on_tick(k: int) -> None:
+        if k in (ticks, 2 * ticks):
+            sys.setprofile(count if k == ticks else None)
+
+    assembly = replace(assemble(load("grass", overrides)[1], SEED), ticks=2 * ticks + 1)
+    try:
+        drive_into(Recorder(), assembly, on_tick=on_tick, prepared=False)
+    finally:
+        sys.setprofile(None)
+    return {name: number / ticks for name, number in counts.items()}
+
+
+def calls() -> list[Figure]:
+    """Return the Python calls of a control period in memory."""
+    counts = calls_of_a_period()
+    guidance = counts.pop("update") + counts.pop("step")
+    own = sum(counts.values())
+    return [
+        Figure("Python calls of `Guidance.update` and `step`", guidance, most=60.0),
+        Figure("Python calls of the loop beside them", own, most=60.0),
+        Figure("Python calls of a whole period", guidance + own, most=150.0),
+    ]
+
+
 # --- Processes ------------------------------------------------------------------------------------
 
 _METRE: Final = "path={kind='straight',length_m=1}"
@@ -375,6 +420,7 @@ PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
     "control-step": control_step,
     "latency": latency,
     "loop-ratio": loop_ratio,
+    "calls": calls,
     "closed-loop": closed_loop,
     "start-up": start_up,
     "sweep": sweeps,

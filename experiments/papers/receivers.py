@@ -7,6 +7,10 @@ The records are solutions of RTKLIB: a receiver at rest 1 m from its base (300 s
 car in Nagoya 9 km from its base (1,230 s, 5 Hz), whose reference comes from a survey-grade inertial
 system. T. Suzuki, MIT licence. They are not part of this package; the table of figures is.
 
+Errors are those about the mean of their regime, since a constant offset moves path and vehicle
+alike. About one mean of all regimes they are 22, 23 and 33 mm with a length of 9 m; the difference
+is slow, and may be the receiver's or the reference's.
+
 What the record cannot tell: errors of the reference, some centimetres where it saw few satellites,
 count as the receiver's. RTKLIB resolved the ambiguities of each epoch alone, so that fix and float
 change more often than in a receiver that holds its fix. There was one antenna.
@@ -51,7 +55,7 @@ class Drive(NamedTuple):
     time: FloatArray  # [s]
     speed: FloatArray  # [m/s]
     way: FloatArray  # [m] travelled
-    error: FloatArray  # (n, 2) [m] less their mean over correct fixes in motion
+    error: FloatArray  # (n, 2) [m] less constant offsets of map and mounting
     fixed: Mask
     share: FloatArray  # of fixed epochs around
 
@@ -96,7 +100,12 @@ def read_drive(folder: Path) -> Drive:
     seen = found[:, 5] >= SATELLITES
     share = [fixed[np.abs(time - one) < HALF_WINDOW_S].mean() for one in time]
     correct = fixed & seen & (np.hypot(*error.T) < WRONG_M) & (speed > MOVING_MPS)
-    error = error - error[correct].mean(axis=0)  # the reference's point is not the antenna
+    # constant offsets of the map, and of the antenna from the reference's point
+    one, zero = np.ones_like(sine), np.zeros_like(sine)
+    ahead, right = np.array([[sine, cosine, one, zero], [cosine, -sine, zero, one]])  # (4, n)
+    chosen = np.hstack([ahead[:, correct], right[:, correct]]).T
+    offset = np.linalg.lstsq(chosen, error[correct].T.ravel(), rcond=None)[0]
+    error = error - np.column_stack([offset @ ahead, offset @ right])
     way = np.cumsum(speed * step)
     return Drive(
         time[seen], speed[seen], way[seen], error[seen], fixed[seen], np.array(share)[seen]
@@ -131,7 +140,8 @@ def correlation(drive: Drive, chosen: list[Mask], time_s: float) -> dict[str, An
     """Return the autocorrelation of correct fixes in motion over the way, and the fitted length.
 
     Errors are those about the mean of their group of epochs. The white share and the
-    length of a second-order Gauss-Markov process fit the record at its mean lags.
+    length of a second-order Gauss-Markov process fit the record at its mean lags. So does the
+    share of the variance that is in the means: removing these lowers the record at every lag.
     """
     rows = []
     for low, high in LAGS_M:
@@ -149,14 +159,16 @@ def correlation(drive: Drive, chosen: list[Mask], time_s: float) -> dict[str, An
     record = both / each  # by the variance of the very pairs
 
     def model(p: FloatArray) -> FloatArray:
-        return p[0] * second_order(later / time_s + apart / p[1])
+        return (p[0] * second_order(later / time_s + apart / p[1]) - p[2]) / (1.0 - p[2])
 
-    fit = least_squares(lambda p: model(p) - record, [0.9, 5.0], bounds=([0, 1], [1, 500]))
+    bounds = ([0.0, 1.0, 0.0], [1.0, 500.0, 0.5])
+    fit = least_squares(lambda p: model(p) - record, [0.9, 5.0, 0.1], bounds=bounds)
     return {
         "lag_m": apart.tolist(),
         "lag_s": later.tolist(),
         "autocorrelation": record.tolist(),
         "fitted": model(fit.x).tolist(),
+        "variance_in_means": float(fit.x[2]),
         "correlation_length_m": float(fit.x[1]),
     }
 

@@ -81,7 +81,7 @@ class Assembly:
             plant=self.plant,
             sensors=self.sensors,
             guidance=self.guidance,
-            vehicle=self.guidance.vehicle,
+            bounds=np.array([self.vehicle.input_min, self.vehicle.input_max]),
             sink=sink,
             reference=rows,
             control_steps=whole_steps(period_s, timestep, "control period"),

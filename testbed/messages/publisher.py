@@ -30,7 +30,7 @@ from ..recording.channels import (
     error_rows,
     unit_of,
 )
-from ..recording.record import Event, Sink, check_rows
+from ..recording.record import Event, Sink, wrong_shape
 from ..truth import Moments
 from .encoding import (
     Encoded,
@@ -158,7 +158,8 @@ class Publisher(Sink, ABC):
 
     def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Publish rows, and with a reference the errors of the states of its times."""
-        check_rows(channel, times, values)
+        if values.shape != (len(times), len(channel.fields)):
+            raise wrong_shape(channel, times, values)
         if not len(times):
             return
         self._batch.rows[channel.topic].append((times.copy(), values.copy()))

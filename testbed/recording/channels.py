@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ttempc.jit import cached_njit
+from ttempc.layout import Innovations
 from ttempc.types import ControlStep, Diagnostics, Estimate, FloatArray, Sensor, TubeReport
-from ttempc.vehicle import Vehicle
 
 from ..sensing.sensors import COMPONENTS
 from ..truth import WHEELS
@@ -228,8 +228,8 @@ def measurement_rows(
         at: numbers of the moments at which they are delivered, ascending.
         times: of the moments [s].
     """
-    rows: FloatArray = np.full((len(samples), len(MEASUREMENT.fields)), NAN)
-    row_times = np.empty(len(samples))
+    rows, row_times = np.empty((len(samples), len(MEASUREMENT.fields))), np.empty(len(samples))
+    rows.fill(NAN)
     used = _spread(samples, at, times, _COLUMNS, row_times, rows)
     return row_times[:used], rows[:used]
 
@@ -266,11 +266,13 @@ def _spread(
 
 def estimate_row(estimate: Estimate) -> FloatArray:
     """Return the row of `ESTIMATE`."""
-    state, nis, dof = estimate.state, 0.0, 0
-    for item in estimate.innovations:
-        # A sample that the filter could not weigh, such as one that is not finite, has none.
-        if math.isfinite(item.normalised_squared):
-            nis, dof = nis + item.normalised_squared, dof + item.dimension
+    state, of = estimate.state, estimate.innovations
+    if isinstance(of, Innovations):
+        squares = of.rows[:, 1:3]
+    else:
+        squares = np.array([item[1:3] for item in of], dtype=float).reshape(-1, 2)
+    # A sample that the filter could not weigh, such as one that is not finite, has none.
+    nis_and_dof = np.add.reduce(squares[squares[:, 0] < math.inf])
     return np.concatenate(
         [
             state[:3],
@@ -280,25 +282,26 @@ def estimate_row(estimate: Estimate) -> FloatArray:
             np.sqrt(estimate.covariance.diagonal()),
             estimate.disturbance,
             estimate.map_disturbance,
-            (nis, dof),
+            nis_and_dof,
         ]
     )
 
 
-def control_row(step: ControlStep, vehicle: Vehicle) -> FloatArray:
-    """Return the row of `CONTROL`; `vehicle` gives the bounds."""
+def control_row(step: ControlStep, bounds: FloatArray) -> FloatArray:
+    """Return the row of `CONTROL`; `bounds` (2, 3) are the smallest and largest command."""
     of, command = step.diagnostics, step.command
     row = np.empty((len(_INPUTS), len(_ACTIONS)))
     row[:, 0], row[:, 1], row[:, 2] = of.feedforward, of.feedback, of.robust
     row[:, 3] = row[:, 0] + row[:, 1] + row[:, 2]
     row[:, 4] = command.delta_t, command.delta_i, command.hp
-    row[:, 5], row[:, 6], row[:, 7] = vehicle.input_min, vehicle.input_max, of.limited
+    row[:, 5:7], row[:, 7] = bounds.T, of.limited
     return row.ravel()
 
 
 def tracking_row(diagnostics: Diagnostics) -> FloatArray:
     """Return the row of `TRACKING`."""
-    row: FloatArray = np.full(len(TRACKING.fields), NAN)
+    row = np.empty(len(TRACKING.fields))
+    row.fill(NAN)
     if diagnostics.tracking_error is not None:
         row[:7] = diagnostics.tracking_error
     if diagnostics.modelling_error is not None:

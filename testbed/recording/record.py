@@ -133,17 +133,12 @@ def fault_spans(events: Sequence[Event]) -> tuple[FaultSpan, ...]:
     return tuple(spans)
 
 
-def check_rows(channel: Channel, times: FloatArray, values: FloatArray) -> None:
-    """Raise where rows have not one number per field of their channel, and a time each.
-
-    Raises:
-        ValueError: with both shapes.
-    """
-    if values.shape != (len(times), len(channel.fields)):
-        raise ValueError(
-            f"{channel.topic}: got values of shape {values.shape} at {len(times)} times, "
-            f"has {len(channel.fields)} fields"
-        )
+def wrong_shape(channel: Channel, times: FloatArray, values: FloatArray) -> ValueError:
+    """Return the error of rows that have not one number per field and a time each."""
+    return ValueError(
+        f"{channel.topic}: got values of shape {values.shape} at {len(times)} times, "
+        f"has {len(channel.fields)} fields"
+    )
 
 
 class Sink:
@@ -160,7 +155,7 @@ class Sink:
             ValueError: the number of values is not the channel's.
         """
 
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+    def row(self, channel: Channel, time_s: float, values: Sequence[float] | FloatArray) -> None:
         """Receive one row, as `rows`."""
         self.rows(channel, np.array([time_s]), np.array([values], dtype=float))
 
@@ -234,9 +229,17 @@ class Recorder(Sink):
 
     def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Add rows."""
-        check_rows(channel, times, values)
+        if values.shape != (len(times), len(channel.fields)):
+            raise wrong_shape(channel, times, values)
         self._times[channel.topic].frombytes(times.tobytes())
         self._values[channel.topic].frombytes(values.tobytes())
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float] | FloatArray) -> None:
+        """Add one row."""
+        if len(values) != len(channel.fields):
+            raise wrong_shape(channel, np.empty(1), np.array(values))
+        self._times[channel.topic].append(time_s)
+        self._values[channel.topic].frombytes(np.array(values, dtype=float).tobytes())
 
     def event(self, event: Event) -> None:
         """Add one event."""

@@ -5,10 +5,9 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import groupby
 from time import monotonic, thread_time
 from types import FrameType
-from typing import Final
+from typing import Final, Self
 
 from ttempc.types import Command
 
@@ -73,23 +72,23 @@ class CommandQueue:
     def __init__(self) -> None:
         self._commands: deque[tuple[int, Command]] = deque()
 
-    def send(self, command: Command, due: int) -> None:
+    def send(self, command: Command, due: int) -> Self:
         """Add a command that acts from physics step `due` on; the first one acts at once."""
         self._commands.append((due, command))
-
-    def acting(self, step: int) -> Command:
-        """Return the command that acts from a physics step on; steps must not go back."""
-        while len(self._commands) > 1 and self._commands[1][0] <= step:
-            self._commands.popleft()
-        return self._commands[0][1]
+        return self
 
     def spans(self, step: int, stops: int, stride: int) -> list[tuple[Command, int]]:
         """Return the commands that act in the next `stops` strides of physics steps, and how many.
 
-        A command that comes due within a stride acts from the next one on.
+        Steps must not go back. A command that comes due within a stride acts from the next one on.
         """
-        command = self.acting(step)
-        if len(self._commands) == 1:
-            return [(command, stops)]
-        commands = [self.acting(step + number * stride) for number in range(stops)]
-        return [(command, len([*same])) for command, same in groupby(commands)]
+        commands, spans = self._commands, list[tuple[Command, int]]()
+        while stops:
+            while len(commands) > 1 and commands[1][0] <= step:
+                commands.popleft()
+            count = stops
+            if len(commands) > 1:
+                count = min(count, -(-(commands[1][0] - step) // stride))
+            spans.append((commands[0][1], count))
+            step, stops = step + count * stride, stops - count
+        return spans

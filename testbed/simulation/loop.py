@@ -75,7 +75,7 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the command and its diagnostics."""
     assert tick.control is not None
     diagnostics, time, sink = tick.control.diagnostics, tick.motion.time_s, setup.sink
-    sink.row(channels.CONTROL, time, channels.control_row(tick.control, setup.vehicle))
+    sink.row(channels.CONTROL, time, channels.control_row(tick.control, setup.bounds))
     sink.row(channels.TRACKING, time, channels.tracking_row(diagnostics))
     sink.row(channels.SOLVER, time, channels.solver_row(diagnostics))
     if diagnostics.tube is not None:
@@ -95,30 +95,23 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
 def advance(setup: SimulationSetup, tick: TickContext) -> None:
     """Run the plant for one control period, with stops where a sensor or the record needs it."""
     assert tick.command is not None
-    step, stops = tick.k * setup.control_steps, setup.control_steps // tick.stride
-    tick.queue.send(tick.command, step + _late_steps(setup, tick))
-    start = perf_counter_ns()
-    parts = [
-        setup.plant.drive(command, count, tick.stride)
-        for command, count in tick.queue.spans(step, stops, tick.stride)
-    ]
+    steps, stride, plant = setup.control_steps, tick.stride, setup.plant
+    step, took_s = tick.k * steps, 1e-9 * (tick.estimator_ns + tick.control_ns)
+    timestep_s = plant.timestep_s
+    late = 0  # physics steps by which the command comes late
+    if took_s > (period_s := steps * timestep_s):
+        text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
+        setup.sink.event(Event(tick.k * period_s, "warning", text))
+        late = math.ceil(took_s / timestep_s) if setup.realtime else 0
+    spans = tick.queue.send(tick.command, step + late).spans(step, steps // stride, stride)
+    start, parts = perf_counter_ns(), []
+    for command, count in spans:
+        parts.append(plant.drive(command, count, stride))
     tick.plant_ns = perf_counter_ns() - start
-    tick.drive_to(
-        step + setup.control_steps,
-        parts[0] if len(parts) == 1 else Moments(*map(np.concatenate, zip(*parts, strict=True))),
-    )
-
-
-def _late_steps(setup: SimulationSetup, tick: TickContext) -> int:
-    """Return the physics steps by which the command of a tick comes late; log an overrun."""
-    timestep_s = setup.plant.timestep_s
-    period_s = setup.control_steps * timestep_s
-    took_s = 1e-9 * (tick.estimator_ns + tick.control_ns)
-    if took_s <= period_s:
-        return 0
-    text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
-    setup.sink.event(Event(tick.k * period_s, "warning", text))
-    return math.ceil(took_s / timestep_s) if setup.realtime else 0
+    moments = parts[0]
+    if len(parts) > 1:
+        moments = Moments(*map(np.concatenate, zip(*parts, strict=True)))
+    tick.drive_to(step + steps, moments)
 
 
 def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
@@ -154,7 +147,7 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
     now, limits = tick.motion, setup.termination
-    step = tick.reference_step(tick.step, setup.control_steps)
+    step = tick.reference_step(tick.steps[-1], setup.control_steps)
     x, y = setup.reference_row(step, now.x_t, now.y_t)[:2].tolist()
     distance_m = math.hypot(now.x_t - x, now.y_t - y)
     slip = tick.slip.update(now, limits.stuck_time)

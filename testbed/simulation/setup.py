@@ -8,7 +8,6 @@ import numpy as np
 
 from ttempc.layout import SAMPLE, measurements_of
 from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement, VehicleGuidance
-from ttempc.vehicle import Vehicle
 
 from ..ground.terrain import Terrain
 from ..recording.record import Sink
@@ -26,7 +25,7 @@ class SimulationSetup:
     plant: Plant
     sensors: SensorSuite
     guidance: VehicleGuidance
-    vehicle: Vehicle  # model parameters; they give the input bounds in the log
+    bounds: FloatArray  # (2, 3) smallest and largest command, for the log
     sink: Sink
     reference: FloatArray  # (n, len(REFERENCE.fields)) one row every `record_steps`
     control_steps: int  # physics steps in a control period
@@ -107,7 +106,8 @@ class TickContext:
 
     def drive_to(self, step: int, moments: Moments) -> None:
         """Take over the moments up to a physics step, the last of them."""
-        self.step, self.moments = step, moments
+        self.moments, count = moments, len(moments.rows)
+        self.steps = range(step - (count - 1) * self.stride, step + 1, self.stride)
         self.motion = moments.motion(-1)  # of the last moment
 
     def sensed(self, samples: FloatArray) -> None:
@@ -130,12 +130,6 @@ class TickContext:
     @measurements.setter
     def measurements(self, samples: list[Measurement]) -> None:
         self._measurements = samples
-
-    @property
-    def steps(self) -> range:
-        """Physics steps of the moments."""
-        first = self.step - (len(self.moments.rows) - 1) * self.stride
-        return range(first, self.step + 1, self.stride)
 
     @property
     def truths(self) -> list[tuple[int, Truth]]:

@@ -120,7 +120,8 @@ def wheel_step(
     driven = 0.0
     ny, nx = heights.shape
     x0, y0, dt = grid[0], grid[1], grid[3]
-    per_metre = 1.0 / grid[2]  # cells
+    spacing = grid[2]
+    per_metre = 1.0 / spacing
     for wheel in range(count):
         body = bodies[wheel]
         radius, width = tyres[wheel, 0], tyres[wheel, 1]
@@ -139,36 +140,49 @@ def wheel_step(
         ux, uy, uz = ux * scale, uy * scale, uz * scale
         fx, fy, fz = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
 
-        # Winkler bed under the fan of look-ups
+        # Winkler bed under the fan of look-ups; the sums are about the wheel's centre, in cells
         total, ex, ey, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        cu, cv = (cx - x0) * per_metre, (cy - y0) * per_metre
+        reach = (radius + width) * per_metre
+        inside = reach <= cu < nx - 1 - reach and reach <= cv < ny - 1 - reach
+        bu, bv, bz = width * ax * per_metre, width * ay * per_metre, width * az
         if upright > _LEAST_UPRIGHT:
             for a in range(7):
                 sine, cosine = radius * _SIN[a], radius * _COS[a]
-                rx = cx + sine * fx - cosine * ux
-                ry = cy + sine * fy - cosine * uy
-                rz = cz + sine * fz - cosine * uz
+                ru = (sine * fx - cosine * ux) * per_metre
+                rv = (sine * fy - cosine * uy) * per_metre
+                rz = sine * fz - cosine * uz
                 for c in range(3):
-                    offset = width * _COLUMNS[c]
-                    qx, qy, qz = rx + offset * ax, ry + offset * ay, rz + offset * az
-                    i, p = grid_cell((qx - x0) * per_metre, nx - 1)
-                    j, q = grid_cell((qy - y0) * per_metre, ny - 1)
-                    south_west, north_west = heights[j, i], heights[j + 1, i]
-                    south_rise = heights[j, i + 1] - south_west
-                    north_rise = heights[j + 1, i + 1] - north_west
+                    du, dv, dz = (
+                        ru + _COLUMNS[c] * bu,
+                        rv + _COLUMNS[c] * bv,
+                        rz + _COLUMNS[c] * bz,
+                    )
+                    if inside:
+                        i, j = np.uintp(cu + du), np.uintp(cv + dv)
+                        p, q = cu + du - i, cv + dv - j
+                    else:
+                        ci, p = grid_cell(cu + du, nx - 1)
+                        cj, q = grid_cell(cv + dv, ny - 1)
+                        i, j = np.uintp(ci), np.uintp(cj)
+                    one = np.uintp(1)
+                    south_west, north_west = heights[j, i], heights[j + one, i]
+                    south_rise = heights[j, i + one] - south_west
+                    north_rise = heights[j + one, i + one] - north_west
                     south = south_west + p * south_rise
-                    north = north_west + p * north_rise
-                    height = south + q * (north - south)
-                    if height > qz:
-                        pressure = (height - qz) * _ARCS[a]
+                    rise = north_west + p * north_rise - south
+                    height = south + q * rise - cz
+                    if height > dz:
+                        pressure = (height - dz) * _ARCS[a]
                         total += pressure
-                        ex -= pressure * ((1.0 - q) * south_rise + q * north_rise)
-                        ey -= pressure * (north - south)
-                        px += pressure * qx
-                        py += pressure * qy
+                        ex -= pressure * (south_rise + q * (north_rise - south_rise))
+                        ey -= pressure * rise
+                        px += pressure * du
+                        py += pressure * dv
                         pz += pressure * height
 
-        i, p = grid_cell((cx - x0) * per_metre, nx - 1)
-        j, q = grid_cell((cy - y0) * per_metre, ny - 1)
+        i, p = grid_cell(cu, nx - 1)
+        j, q = grid_cell(cv, ny - 1)
         south = heights[j, i] + p * (heights[j, i + 1] - heights[j, i])
         north = heights[j + 1, i] + p * (heights[j + 1, i + 1] - heights[j + 1, i])
         row, column = j + (q >= 0.5), i + (p >= 0.5)
@@ -185,7 +199,7 @@ def wheel_step(
             nx_, ny_, nz_ = ex / size, ey / size, total / size
             approach = -(vx * nx_ + vy * ny_ + vz * nz_)
             load = tyres[wheel, 4] * size * max(0.0, 1.0 + tyres[wheel, 5] * approach)
-            gx, gy, gz = px / total - cx, py / total - cy, pz / total - cz
+            gx, gy, gz = px / total * spacing, py / total * spacing, pz / total
 
         # axes on the ground, speeds in them
         hx, hy, hz = ay * nz_ - az * ny_, az * nx_ - ax * nz_, ax * ny_ - ay * nx_

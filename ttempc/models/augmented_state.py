@@ -22,6 +22,7 @@ from ..types import (
     State,
 )
 from ..vehicle import Vehicle
+from .rows import WIDTH, add_row, clear_row, scale_row, set_row
 
 
 class AugmentedState(IntEnum):
@@ -458,37 +459,33 @@ def advance_augmented_state(
 ) -> None:
     """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
 
-    `transition` (22, 22) is the exponential of the Jacobian in the middle of the step. Its rows and
-    `x` may be longer.
+    `transition` (22, 24), contiguous, is the exponential of the Jacobian in the middle of the step;
+    the last two columns are 0. `x` may have entries beside.
     """
-    size = transition.shape[1]
     middle, inputs, faded = np.empty(len(x)), np.empty(3), np.empty(SIZE - STATES)
     move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
-    jacobian = np.empty((STATES, size))
+    jacobian = np.empty((STATES, WIDTH))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
     # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
+    previous, diagonal = np.empty((STATES, WIDTH)), np.zeros(WIDTH)
     for i in range(SIZE):
-        for j in range(size):
-            transition[i, j] = 0.0
+        clear_row(transition, i * WIDTH)
         transition[i, i] = 1.0
-    previous, diagonal = np.empty((STATES, size)), np.zeros(size)
     for term in range(_TERMS, 0, -1):
         for i in range(STATES):
-            for j in range(size):
-                previous[i, j] = transition[i, j]
+            set_row(previous, i * WIDTH, 1.0, transition, i * WIDTH)
         for j in range(STATES, SIZE):
             diagonal[j] = transition[j, j]
         duration = step_s / term
         for i in range(STATES):
-            for j in range(size):
-                transition[i, j] = jacobian[i, j] * diagonal[j]
-            for k in range(STATES):
+            set_row(transition, i * WIDTH, duration, jacobian, i * WIDTH)
+            scale_row(transition, i * WIDTH, 1.0, diagonal, 0)
+        for k in range(STATES):
+            for i in range(STATES):
                 if jacobian[i, k] != 0.0:
-                    for j in range(size):
-                        transition[i, j] += jacobian[i, k] * previous[k, j]
-            for j in range(size):
-                transition[i, j] *= duration
+                    by = duration * jacobian[i, k]
+                    add_row(transition, i * WIDTH, by, previous, k * WIDTH)
         for i in range(STATES):
             transition[i, i] += 1.0
         for j in range(STATES, SIZE):

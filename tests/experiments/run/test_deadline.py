@@ -20,10 +20,10 @@ def test_commands_act_from_their_steps_on_and_never_overtake():
     queue = CommandQueue()
     first, late, prompt = (Command(0.0, 0.0, hp) for hp in (0.1, 0.2, 0.3))
     queue.send(first, 50)
-    assert queue.acting(0) is first
+    assert queue.spans(0, 1, 20) == [(first, 1)]
     queue.send(late, 230)
     queue.send(prompt, 200)
-    assert [queue.acting(step) for step in (100, 229, 230)] == [first, first, prompt]
+    assert queue.spans(100, 9, 20) == [(first, 7), (prompt, 2)]
 
 
 def test_commands_that_come_due_within_a_period_split_it():

@@ -103,14 +103,14 @@ def test_a_changed_plant_fails_its_check_alone(change, experiment, names, monkey
 
 
 def test_a_flipped_sign_fails_the_kinematics(monkeypatch):
-    read = Plant.truth
+    advance = Plant.advance
 
-    def mirrored(self):
-        truth = read(self)
+    def mirrored(self, command, steps):
+        truth = advance(self, command, steps)
         object.__setattr__(truth, "delta_i", -truth.delta_i)
         return truth
 
-    monkeypatch.setattr(Plant, "truth", mirrored)
+    monkeypatch.setattr(Plant, "advance", mirrored)
     names = failed("kinematics")
     assert "trailer yaw rate, rms residual" in names
     assert any("delta_i'" in name for name in names)
