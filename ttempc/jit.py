@@ -50,7 +50,7 @@ def cached_njit(
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:
-        kernel: Any = numba.njit(**options)(function)
+        kernel: Any = numba.njit(**({"no_cfunc_wrapper": True} | options))(function)
         if kernel is not function:  # it is under NUMBA_DISABLE_JIT
             try:
                 # as numba's Dispatcher.enable_caching

@@ -688,7 +688,8 @@ def observe_filter(
 
     e = estimate.view(ESTIMATE)[0]
     if not h.moments:
-        estimate[:] = math.nan
+        for i in range(len(estimate)):
+            estimate[i] = math.nan
         e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
         return COMPLETE if present & 63 == 63 else UNKNOWN
     if now_s - now[0] > SAME_TIME_S:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import ControllerFailed, GuidanceFailed
 from ..laws.tracking_controller import TrackingController, write_told
-from ..layout import ALARM, ESTIMATE, TICK, estimate_row, new_tick
+from ..layout import ALARM, ESTIMATE, TICK, estimate_row, estimate_view, new_tick
 from ..reference.path import Projection
 from ..reference.reference import Reference, ReferenceSample
 from ..types import (
@@ -353,8 +353,8 @@ class Supervisor:
         """Let the controller write its actions, or a user's its command, into the record."""
         before, tick = self._guard[:3], self._tick
         if self._dead_times:
-            predicted = self._dead_times.predicted(view())
-            before, row, view = self._commands[0], estimate_row(predicted), lambda: predicted
+            before, ahead = self._commands[0], self._dead_times.predicted(row)
+            seen, row, view = view, ahead, lambda: estimate_view(ahead, seen().innovations)
         with user_part(ControllerFailed, f"the controller raised at tick {k}"):
             if self._law is not None:
                 self._told = self._law.act(row, view, k, before.copy(), tick)
