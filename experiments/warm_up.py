@@ -36,8 +36,9 @@ def _compile() -> None:
     """Compile correction, controller, detectors and physics steps of the default scenario."""
     import numpy as np
 
-    from ttempc.estimation.filter import ROW, WIDTH, correct, filter_parameters
+    from ttempc.estimation.filter import ROW, correct, filter_parameters
     from ttempc.estimation.noise import ProcessNoise, SensorNoise
+    from ttempc.models.rows import WIDTH
     from ttempc.types import Command, WarmingUp
     from ttempc.vehicle import Vehicle
 

@@ -3,6 +3,7 @@
 import atexit
 import functools
 import hashlib
+import inspect
 import logging
 import os
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
+from numba.extending import _Intrinsic
 
 _LOG: Final = logging.getLogger("ttempc")
 
@@ -48,7 +50,7 @@ def cached_njit(
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:
-        kernel: Any = numba.njit(**options)(function)
+        kernel: Any = numba.njit(**({"no_cfunc_wrapper": True} | options))(function)
         if kernel is not function:  # it is under NUMBA_DISABLE_JIT
             try:
                 # as numba's Dispatcher.enable_caching
@@ -143,6 +145,8 @@ def _described(name: str, value: object) -> str:
     match value:
         case Dispatcher():
             return fingerprint(value.py_func)
+        case _Intrinsic():
+            return inspect.getsource(inspect.getmodule(value._defn) or value._defn)
         case EnumType():
             return repr(list(value))
         case type() if issubclass(value, tuple):  # a named one

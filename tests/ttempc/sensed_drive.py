@@ -20,6 +20,7 @@ from ttempc.models.augmented_state import (
     slips,
     vehicle_parameters,
 )
+from ttempc.models.rows import WIDTH
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Estimate, Estimator, FloatArray, Measurement, Sensor, State
@@ -84,7 +85,7 @@ class SensedDrive:
     ) -> tuple[FloatArray, list[Measurement]]:
         step_s, noise = PERIOD_S / SUBSTEPS, self.process_noise
         measurements = []
-        augmented, unused = augmented.copy(), np.empty((SIZE, SIZE))
+        augmented, unused = augmented.copy(), np.empty((SIZE, WIDTH))
         for j in range(1, SUBSTEPS + 1):
             density = noise.density(augmented, noise.scales, VEHICLE, SensorNoise())
             advance_augmented_state(

@@ -22,6 +22,7 @@ from ..models.augmented_state import (
     vehicle_parameters,
 )
 from ..models.kinematics import wrap_angle
+from ..models.rows import WIDTH
 from ..types import Command, Estimate, FloatArray, Measurement
 from ..vehicle import Vehicle
 
@@ -65,7 +66,7 @@ class MovingHorizonEstimator:
         self._process_noise = process_noise or ProcessNoise()
         self._iterations = iterations
         self._filter = ExtendedKalmanFilter(
-            vehicle, self._sensor_noise, self._process_noise, gate_probability, window_s
+            vehicle, self._sensor_noise, self._process_noise, gate_probability, window_s, True
         )
         self._last: dict[float, FloatArray] = {}  # the newest estimate of each time
 
@@ -138,7 +139,7 @@ class MovingHorizonEstimator:
         """Return the transition from `guess` (22,) at the time of a `MOMENT` to `until_s`."""
         augmented, valves = guess.copy(), moment["valves"].copy()
         jacobian, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
-        step_jacobian, scales = np.empty((SIZE, SIZE)), moment["scales"][0]
+        transition, scales = np.empty((SIZE, WIDTH)), moment["scales"][0]
         fading = self._process_noise.fading(self._sensor_noise).ravel()
         time_s = float(moment["time_s"])
         for end_s, command in self._filter.commands(time_s, until_s):
@@ -151,8 +152,9 @@ class MovingHorizonEstimator:
             for _ in range(steps):
                 middle = augmented.copy()
                 advance_augmented_state(
-                    augmented, valves, command, self._parameters, fading, step_s, step_jacobian
+                    augmented, valves, command, self._parameters, fading, step_s, transition
                 )
+                step_jacobian = transition[:, :SIZE]
                 middle[:STATES] = 0.5 * (middle[:STATES] + augmented[:STATES])
                 density = self._process_noise.density(
                     middle, scales, self._vehicle, self._sensor_noise

@@ -80,6 +80,8 @@ class ExtendedKalmanFilter:
     updates and samples the filter starts anew, see `observe_filter`, at a cost that does not depend
     on the length of the gap.
 
+    With `keeps_all`, `moments` has a state at every time of a sample, else at every update.
+
     Time stamps may count from any epoch. Those that differ by less than `SAME_TIME_S` count as
     equal wherever the filter compares times of samples with times of updates.
 
@@ -100,13 +102,17 @@ class ExtendedKalmanFilter:
         process_noise: ProcessNoise | None = None,
         gate_probability: float = 1e-4,
         memory_s: float = 2.5,
+        keeps_all: bool = False,
     ) -> None:
         sensors, process = sensor_noise or SensorNoise(), process_noise or ProcessNoise()
         self._vehicle, self._sensors, self._process = vehicle, sensors, process
-        self.parameters = filter_parameters(vehicle, sensors, process, gate_probability, memory_s)
+        self.parameters = filter_parameters(
+            vehicle, sensors, process, gate_probability, memory_s, keeps_all
+        )
+        self._keeps_all = keeps_all
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
-        self._state = history, np.empty((129, ROW)), np.empty((512, HELD)), np.empty((32, 4))
+        self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.empty((32, 4))
 
     @property
     def state(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -154,10 +160,10 @@ class ExtendedKalmanFilter:
         """
         history, moments, samples, commands = self._state
         h = history.view(HISTORY)[0]
-        if h["moments"] + rows + 1 >= len(moments):
-            ring = len(moments) - 1
+        more, ring = rows if self._keeps_all else 1, len(moments) - 1
+        if h["moments"] + more > ring:
             order = (h["begin"] + np.arange(ring)) % ring
-            larger = np.empty((2 * (ring + rows) + 1, ROW))
+            larger = np.empty((2 * ring + more + 1, ROW))
             larger[:ring], larger[-1], h["begin"] = moments[order], moments[-1], 0
             moments = larger
         if h["samples"] + rows > len(samples):
@@ -189,7 +195,7 @@ class ExtendedKalmanFilter:
         h["begin"], h["moments"], h["resumes"] = 0, 1, 0
 
     def moments(self) -> NDArray[np.void]:
-        """Return the `MOMENT` of each time of a sample in memory, oldest first."""
+        """Return every `MOMENT` in memory, oldest first."""
         history, moments, _, _ = self._state
         h = history.view(HISTORY)[0]
         order = (h["begin"] + np.arange(h["moments"])) % (len(moments) - 1)

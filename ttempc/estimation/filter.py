@@ -33,13 +33,14 @@ from ..models.augmented_state import (
     write_estimate,
 )
 from ..models.kinematics import wrap_angle
+from ..models.rows import WIDTH, add_row, add_rows, clear_row, scale_row, set_row
 from ..types import FloatArray, Input, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .noise import SCALE_RANGE, SCALES, ProcessNoise, SensorNoise
 
 _LEVELS: Final = 1 + SCALES
-WIDTH: Final = 24
-"""Entries of a row of 22, with its padding."""
+_CROSS: Final = 2 * WIDTH  # begin of parts of the workspace of `correct`
+_HALF: Final = 10 * WIDTH
 _XY: Final = SIZE  # of a row of process noise: the entries (x, y) and (psi_i, delta_i)
 _JOINT: Final = SIZE + 1
 _SENSORS: Final = len(SensorIndex)
@@ -71,6 +72,7 @@ FILTER: Final = np.dtype(
         ("dead_times", "f8", _INPUTS),  # [s]
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
+        ("keeps_all", "f8"),  # 1: a moment for each time of a sample, else for each update
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
         # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
         # vector instructions, which takes four times as long.
@@ -101,7 +103,7 @@ VALVES: Final = MOMENT.fields["valves"][1] // 8  # type: ignore[index]
 HISTORY: Final = np.dtype(
     [
         ("begin", "i8"),  # index of the oldest moment in their ring
-        ("moments", "i8"),  # numbers of entries: one moment for each time of a sample
+        ("moments", "i8"),  # numbers of entries
         ("samples", "i8"),
         ("commands", "i8"),
         ("resumes", "i8"),  # whether the last row of moments has what a restart keeps
@@ -137,17 +139,14 @@ def predict(
     seven upper rows are 0.
     """
     f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
-    width = f.width
     vehicle, fading = parameters[:FADING], parameters[FADING : FADING + 2 * (SIZE - STATES)]
     x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
     transition = np.empty((SIZE, WIDTH))
     noise = np.empty((_LEVELS, WIDTH))  # half of it
     upper = np.empty((_LEVELS, STATES, WIDTH))  # the upper rows of Phi P
-    columns = np.empty((SIZE, 8 * _LEVELS))  # their columns, all levels side by side
-    corner = np.empty((STATES, 8 * _LEVELS))
+    columns = np.zeros((SIZE, 2 * WIDTH))  # their columns, all levels side by side
+    corner, change = np.empty((STATES, 2 * WIDTH)), np.empty((_LEVELS, STATES))
     middle, fade = np.empty(STATES), np.zeros(WIDTH)
-    columns[:, :] = 0.0
-    packed = width + 8  # of a row of `columns`
     step_s = span_s / steps
     for _ in range(steps):
         for i in range(STATES):
@@ -175,38 +174,44 @@ def predict(
             noise[level, AugmentedState.PSI_I] += swing * swing * joint
             noise[level, _JOINT] = swing * joint
         for n in range(SCALES):
-            for i in range(width):
-                noise[0, i] += now.scales[0, n] * noise[1 + n, i]
+            add_row(noise, 0, now.scales[0, n], noise, (1 + n) * WIDTH)
         for i in range(STATES, SIZE):
             fade[i] = transition[i, i]
         for level in range(_LEVELS):
             _add(now.covariances[level], noise[level])
             for i in range(STATES):
-                for j in range(width):
-                    upper[level, i, j] = 0.0
-                for k in range(SIZE):
-                    weight = transition[i, k]
-                    if weight != 0.0:
-                        for j in range(width):
-                            upper[level, i, j] += weight * now.covariances[level, k, j]
-                for k in range(SIZE):
-                    columns[k, 8 * level + i] = upper[level, i, k]
-        for i in range(STATES):
-            for j in range(packed):
-                corner[i, j] = 0.0
-            for k in range(SIZE):
+                clear_row(upper, (level * STATES + i) * WIDTH)
+                change[level, i] = 0.0
+        for k in range(SIZE):  # innermost over rows, so that no sum waits for the one before
+            for i in range(STATES):
                 weight = transition[i, k]
                 if weight != 0.0:
-                    for j in range(packed):
-                        corner[i, j] += weight * columns[k, j]
+                    for level in range(_LEVELS):
+                        at = COVARIANCE + (level * SIZE + k) * WIDTH
+                        add_row(upper, (level * STATES + i) * WIDTH, weight, moment, at)
+                        change[level, i] += weight * now.augmented[level, k]
+        for i in range(STATES):
+            clear_row(corner, 2 * i * WIDTH)
+            clear_row(corner, (2 * i + 1) * WIDTH)
+            for level in range(_LEVELS):
+                for k in range(SIZE):
+                    columns[k, 8 * level + i] = upper[level, i, k]
+        for k in range(SIZE):
+            for i in range(STATES):
+                weight = transition[i, k]
+                if weight != 0.0:
+                    add_row(corner, 2 * i * WIDTH, weight, columns, 2 * k * WIDTH)
+                    add_row(corner, (2 * i + 1) * WIDTH, weight, columns, (2 * k + 1) * WIDTH)
         for level in range(_LEVELS):
             for i in range(STATES, SIZE):
                 by = fade[i]
-                for j in range(width):
-                    now.covariances[level, i, j] *= by * fade[j]
+                scale_row(moment, COVARIANCE + (level * SIZE + i) * WIDTH, by, fade, 0)
                 for j in range(STATES):
-                    value = upper[level, j, i] * by
-                    now.covariances[level, i, j] = now.covariances[level, j, i] = value
+                    now.covariances[level, i, j] = upper[level, j, i] * by
+            for i in range(STATES):
+                to = COVARIANCE + (level * SIZE + i) * WIDTH
+                set_row(moment, to, 1.0, upper, (level * STATES + i) * WIDTH)
+                scale_row(moment, to, 1.0, fade, 0)
             for i in range(STATES):
                 for j in range(i + 1):
                     value = corner[i, 8 * level + j]
@@ -214,11 +219,7 @@ def predict(
             _add(now.covariances[level], noise[level])
             if level:
                 for i in range(STATES):
-                    middle[i] = 0.0
-                    for j in range(SIZE):
-                        middle[i] += transition[i, j] * now.augmented[level, j]
-                for i in range(STATES):
-                    now.augmented[level, i] = middle[i]
+                    now.augmented[level, i] = change[level, i]
                 for i in range(STATES, SIZE):
                     now.augmented[level, i] *= fade[i]
         gained = f.walk * travel
@@ -275,29 +276,30 @@ def correct(
     in rows[7, 1] afterwards.
     """
     f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
-    width, gate = f.width, f.gates[sensor]
+    gate = f.gates[sensor]
     reading, jacobian = rows[7, 0], rows[0]
     cross, half = rows[1:5], rows[5]  # H P and its derivatives; W'
     spread = rows[6].reshape((12, _LEVELS))  # H P H' and its derivatives: (0, 0), (1, 0), (1, 1)
+    slope = spread[3:5]  # derivatives of the innovation
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
     size = measure(sensor, x, parameters[:FADING], second, reading, jacobian)
     for level in range(_LEVELS):
         for r in range(size):
-            for j in range(width):
-                cross[level, r, j] = 0.0
-        spread[0, level] = spread[1, level] = spread[2, level] = 0.0
+            clear_row(rows, _CROSS + (2 * level + r) * WIDTH)
+            spread[2 * r, level] = spread[1, level] = slope[r, level] = 0.0
     for r in range(size):
         for k in range(SIZE):
             weight = jacobian[r, k]
             if weight != 0.0:
                 for level in range(_LEVELS):
-                    for j in range(width):
-                        cross[level, r, j] += weight * now.covariances[level, k, j]
+                    at = COVARIANCE + (level * SIZE + k) * WIDTH
+                    add_row(rows, _CROSS + (2 * level + r) * WIDTH, weight, moment, at)
+                    slope[r, level] -= weight * now.augmented[level, k]
     for r in range(size):
-        for c in range(r + 1):
-            for k in range(SIZE):
-                weight = jacobian[r, k]
-                if weight != 0.0:
+        for k in range(SIZE):
+            weight = jacobian[r, k]
+            if weight != 0.0:
+                for c in range(r + 1):
                     for level in range(_LEVELS):
                         spread[r + c, level] += weight * cross[level, c, k]
     nu = first - reading[0]
@@ -325,57 +327,50 @@ def correct(
         e, e_2 = e / factor, e_2 / factor
     rows[7, 1, 0], rows[7, 1, 1], rows[7, 1, 2] = root, below, corner
     for level in range(_LEVELS):  # cross becomes G' and the C
-        for j in range(width):
-            cross[level, 0, j] /= root
+        at = _CROSS + 2 * level * WIDTH
+        set_row(rows, at, 1.0 / root, rows, at)
         if size == 2:
-            for j in range(width):
-                cross[level, 1, j] = (cross[level, 1, j] - below * cross[level, 0, j]) / corner
+            set_row(rows, at + WIDTH, 1.0 / corner, rows, at + WIDTH)
+            add_row(rows, at + WIDTH, -below / corner, rows, at)
     gain = cross[0]
     for level in range(1, _LEVELS):
         d, d_21, d_22 = spread[0, level] / root / root, 0.0, 0.0
-        slope, slope_2 = 0.0, 0.0  # derivative of the innovation, whitened
-        for k in range(SIZE):
-            slope -= jacobian[0, k] * now.augmented[level, k]
-        slope /= root
+        slope_1, slope_2 = slope[0, level] / root, 0.0  # of the whitened innovation
         if size == 2:
             d_21 = (spread[1, level] / root - below * d) / corner
             d_22 = (spread[2, level] / corner - below * spread[1, level] / root / corner) / corner
             d_22 -= below * d_21 / corner
-            for k in range(SIZE):
-                slope_2 -= jacobian[1, k] * now.augmented[level, k]
-            slope_2 = (slope_2 - below * slope) / corner
+            slope_2 = (slope[1, level] - below * slope_1) / corner
         by, by_2 = d * e + d_21 * e_2, d_21 * e + d_22 * e_2
         if learns and not raised:
             n = level - 1
             scale = now.scales[0, n]
-            score = 0.5 * (e * by + e_2 * by_2 - d - d_22) - e * slope - e_2 * slope_2
+            score = 0.5 * (e * by + e_2 * by_2 - d - d_22) - e * slope_1 - e_2 * slope_2
             information = 0.5 * (d * d + d_22 * d_22) + d_21 * d_21
-            information += slope * slope + slope_2 * slope_2
+            information += slope_1 * slope_1 + slope_2 * slope_2
             now.scales[1, n] += scale * scale * information
             step = min(max(scale * score / now.scales[1, n], -_MOST_STEP), _MOST_STEP)
             least, most = SCALE_RANGE[n]
             now.scales[0, n] = min(max(scale * (1.0 + step), least), most)
-        for j in range(width):
-            now.augmented[level, j] += (slope - by) * gain[0, j] + e * cross[level, 0, j]
-            half[0, j] = 0.5 * d * gain[0, j] - cross[level, 0, j]
+        of_state, of_cross = AUGMENTED + level * WIDTH, _CROSS + 2 * level * WIDTH
+        add_rows(moment, of_state, slope_1 - by, rows, _CROSS, e, rows, of_cross)
+        set_row(rows, _HALF, 0.5 * d, rows, _CROSS)
+        add_row(rows, _HALF, -1.0, rows, of_cross)
         if size == 2:
-            for j in range(width):
-                now.augmented[level, j] += (slope_2 - by_2) * gain[1, j] + e_2 * cross[level, 1, j]
-                half[0, j] += 0.5 * d_21 * gain[1, j]
-                half[1, j] = 0.5 * (d_21 * gain[0, j] + d_22 * gain[1, j]) - cross[level, 1, j]
+            second_gain, of_cross = _CROSS + WIDTH, of_cross + WIDTH
+            add_rows(moment, of_state, slope_2 - by_2, rows, second_gain, e_2, rows, of_cross)
+            add_row(rows, _HALF, 0.5 * d_21, rows, second_gain)
+            set_row(rows, _HALF + WIDTH, -1.0, rows, of_cross)
+            add_rows(rows, _HALF + WIDTH, 0.5 * d_21, rows, _CROSS, 0.5 * d_22, rows, second_gain)
         for r in range(size):
+            of_gain, of_half = _CROSS + r * WIDTH, _HALF + r * WIDTH
             for i in range(SIZE):
-                by_gain, by_half = gain[r, i], half[r, i]
-                for j in range(width):
-                    now.covariances[level, i, j] += by_gain * half[r, j] + by_half * gain[r, j]
+                to = COVARIANCE + (level * SIZE + i) * WIDTH
+                add_rows(moment, to, gain[r, i], rows, of_half, half[r, i], rows, of_gain)
     for r in range(size):
-        weight = e_2 if r else e
-        for j in range(width):
-            x[j] += weight * gain[r, j]
+        add_row(moment, AUGMENTED, e_2 if r else e, rows, _CROSS + r * WIDTH)
         for i in range(SIZE):
-            by_gain = gain[r, i]
-            for j in range(width):
-                now.covariances[0, i, j] -= by_gain * gain[r, j]
+            add_row(moment, COVARIANCE + i * WIDTH, -gain[r, i], rows, _CROSS + r * WIDTH)
     for i in range(STATES, SIZE):
         x[i] = min(max(x[i], -_BOUND[i - STATES]), _BOUND[i - STATES])
     return result
@@ -522,7 +517,8 @@ def observe_filter(
     or `COMPLETE`: then the caller may write the first moment, and update to the same time again.
 
     A late sample takes the filter back to the last moment before it; all samples from there on are
-    processed again in the order of their times. If neither a sample nor an update came for more
+    processed again in the order of their times. The result depends neither on the order of arrival
+    nor on where moments are kept. If neither a sample nor an update came for more
     than `LONGEST_GAP_S`, or the clock was set back by more, the filter starts anew from the next
     readings, whatever the time in between. It keeps the factors of the noise, and the disturbances,
     faded as if the vehicle had kept its speed, with the variances of a start.
@@ -647,10 +643,11 @@ def observe_filter(
             if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
                 continue
             if sample[0] > now[0]:
-                before, h.moments = now, h.moments + 1
-                now = moments[(h.begin + h.moments - 1) % ring]
-                for i in range(entries):
-                    now[i] = before[i]
+                if now[0] == start_s or f.keeps_all:
+                    before, h.moments = now, h.moments + 1
+                    now = moments[(h.begin + h.moments - 1) % ring]
+                    for i in range(entries):
+                        now[i] = before[i]
                 predict_until(parameters, now, commands, h.commands, sample[0])
             result = _weigh(parameters, now, sample, workspace)
             n = int(sample[6])
@@ -665,19 +662,21 @@ def observe_filter(
             predict_until(parameters, now, commands, h.commands, oldest_s)
         oldest_s = min(oldest_s, moments[h.begin % ring, 0])
 
+    # What is too old goes, samples many at a time; until the start, the newest of each sensor stays
     present = 0  # sensors of which there is a reading, a bit each
-    for k in range(h.samples - 1, -1, -1):  # until the start, the newest of each counts
+    for k in range(h.samples - 1, -1, -1):
         bit = 1 << int(samples[k, 1])
-        samples[k, 6] = -1.0 if h.moments or present & bit == 0 else -2.0
+        newest = not h.moments and present & bit == 0
+        samples[k, 6] = -1.0 if newest or samples[k, 0] >= oldest_s else -2.0
         present |= bit
-    count = 0
-    for k in range(h.samples):
-        if samples[k, 0] >= oldest_s or (not h.moments and samples[k, 6] == -1.0):
-            for j in range(HELD):
-                samples[count, j] = samples[k, j]
-            samples[count, 6] = -1.0
-            count += 1
-    h.samples = count
+    if h.samples > 0 and (not h.moments or samples[h.samples // 4, 6] == -2.0):
+        count = 0
+        for k in range(h.samples):
+            if samples[k, 6] == -1.0:
+                for j in range(HELD):
+                    samples[count, j] = samples[k, j]
+                count += 1
+        h.samples = count
     longest_s = max(f.dead_times[0], f.dead_times[1], f.dead_times[2])
     count = 0
     for k in range(h.commands):
@@ -689,7 +688,8 @@ def observe_filter(
 
     e = estimate.view(ESTIMATE)[0]
     if not h.moments:
-        estimate[:] = math.nan
+        for i in range(len(estimate)):
+            estimate[i] = math.nan
         e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
         return COMPLETE if present & 63 == 63 else UNKNOWN
     if now_s - now[0] > SAME_TIME_S:
@@ -801,6 +801,7 @@ def filter_parameters(
     process: ProcessNoise,
     gate_probability: float = 1e-4,
     memory_s: float = 2.5,
+    keeps_all: bool = False,
 ) -> FloatArray:
     """Return the record `FILTER` of a filter as a flat array.
 
@@ -824,7 +825,7 @@ def filter_parameters(
     f["dead_times"], f["memory_s"] = vehicle.dead_times, memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
     f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
-    f["width"] = WIDTH
+    f["keeps_all"], f["width"] = keeps_all, WIDTH
     return flat
 
 

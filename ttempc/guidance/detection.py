@@ -12,7 +12,7 @@ case of motion 0.7 m/s, off.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final
@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import InvalidTuning
 from ..jit import cached_njit
-from ..layout import ALARM, SAMPLE, sample_rows
+from ..layout import ALARM, INNOVATION, SAMPLE, Innovations, sample_rows
 from ..models.augmented_state import SensorIndex
 from ..types import (
     Command,
@@ -87,56 +87,13 @@ class Detector:
         raise NotImplementedError
 
 
-_STANDING: Final = 0.05  # [m/s] largest speed of a vehicle that stands
-_QUIET_S: Final = 2.0  # without an alarm before a vehicle that stands drives on; assumed
-# Where the cause shows only while the vehicle drives, as with spinning wheels, it must not stop and
-# start for ever.
-_RESTARTS: Final = 1
-_FORGOTTEN_S: Final = 60.0  # of driving after which the restarts count anew; assumed
-
-
-class Reactions:
-    """Turns alarms into what the supervisor does, and holds a stop until the vehicle may drive on.
-
-    After a stop the vehicle stands until no alarm has asked for one for 2 s. It starts once again;
-    the second stop within a minute of driving is for good.
-    """
-
-    def __init__(self) -> None:
-        self._stopped = ""  # reason of the stop that is held
-        self._kind = Reaction.STOP  # of that stop
-        self._last_s = -math.inf  # time of the last alarm that asked for a stop
-        self._restarts = 0
-
-    def decide(self, alarms: Sequence[Alarm], speed: float, time_s: float) -> tuple[Reaction, str]:
-        """Return the strongest reaction to the alarms that stand at a time, and its reasons.
-
-        `speed` is the estimated one [m/s].
-        """
-        stops = [alarm for alarm in alarms if alarm.reaction >= Reaction.STOP_ON_PATH]
-        if stops:
-            strongest = max(alarm.reaction for alarm in stops)
-            if not self._stopped and time_s - self._last_s > _FORGOTTEN_S:
-                self._restarts = 0
-            self._kind = max(self._kind, strongest) if self._stopped else strongest
-            self._stopped, self._last_s = self._stopped or stops[0].reason, time_s
-        elif self._stopped:
-            rests = abs(speed) <= _STANDING and time_s - self._last_s >= _QUIET_S
-            if rests and self._restarts < _RESTARTS:
-                self._stopped, self._restarts = "", self._restarts + 1
-        if self._stopped:
-            return self._kind, self._stopped
-        reaction = max((alarm.reaction for alarm in alarms), default=Reaction.GO_ON)
-        return reaction, "; ".join(alarm.reason for alarm in alarms)
-
-
 class DetectorIndex(IntEnum):
-    """Number of each built-in detector; the repetitions have the numbers of their sensors.
+    """Number of the first of each kind of built-in detectors, in the order in which they look.
 
     A detector does not see the samples that an alarm of one before it rules out.
     """
 
-    REPETITIONS = 0  # the first of six
+    REPETITIONS = 0  # by `SensorIndex`, but those of IMUs
     STEERING = 6  # front, trailer
     STANDSTILL = 8  # front, trailer
     MOTION = 10
@@ -145,25 +102,22 @@ class DetectorIndex(IntEnum):
 
 
 _COUNT: Final = 16  # detectors
-_GO_ON, _SLOW, _STOP_ON_PATH = map(float, (Reaction.GO_ON, Reaction.SLOW, Reaction.STOP_ON_PATH))
-_SENSORS: Final = 6  # whose repetitions are counted: the first ones of `SensorIndex`
+_GO_ON, _SLOW, _STOP_ON_PATH, _STOP = map(float, Reaction)
 _ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
 _SATURATION: Final = 1.5  # limits at which a sum saturates: an alarm ends soon after its cause
 
-REPETITIONS: Final = 2.5  # bit-identical readings in succession; assumed
+_REPETITIONS: Final = 2.5  # bit-identical readings in succession; assumed
 # A sensor of coarse resolution repeats readings in good health; it is not judged. Assumed.
 _LEAST_READINGS: Final = 50
 _LARGEST_SHARE: Final = 1 / 500  # of repetitions among the readings of a sensor that is judged
 
-INNOVATION: Final = (7.8, 7.8, 8.3, 5.0)  # GNSS, GNSS, hitch, encoder; standard normal equivalents
+_INNOVATION: Final = (7.8, 7.8, 8.3, 5.0)  # GNSS, GNSS, hitch, encoder; standard normal equivalents
 _SPAN_S: Final = 1.0  # of positions, and of the innovations that are summed up
 # Largest contribution of a sample: a single outlier, which the gate rejects, gives no alarm.
 _MOST_SQUARE: Final = 25.0
 
-WHEELS_ALLOWANCE: Final = 0.30  # [m/s]
-WHEELS: Final = 1.10  # [m/s]
-MOTION_ALLOWANCE: Final = 0.35  # [m/s]
-MOTION: Final = 0.75  # [m/s]
+_MOTION: Final = 0.75, 0.35  # limit, allowance [m/s]
+_WHEELS: Final = 1.10, 0.30
 _LEAST_S: Final = 0.6  # between the first and the last position of a span
 _FASTEST_MPS: Final = 5.0  # of a vehicle; assumed
 _LARGEST_ERROR_M: Final = 0.5  # of a position that is no outlier; assumed
@@ -175,15 +129,15 @@ _HISTORY_S: Final = 3.0  # age of the oldest position that speeds are compared w
 _SIGMAS: Final = 3.0
 _STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes no way
 
-STEERING_ALLOWANCE: Final = math.radians(1.25)
-STEERING: Final = 0.035  # [rad] of a valve that stands still
-STEERING_STOP: Final = 0.060  # [rad] of any valve
+_ALLOWANCE: Final = math.radians(1.25)  # of steering
+_STEERING: Final = 0.060  # [rad] of any valve
+_STANDSTILL: Final = 0.035  # [rad] of one that stands still
 # Dead time beyond that of the model, not learnt yet: three periods of the paper; assumed.
 _UNKNOWN_S: Final = 0.6
 _INTERVAL_S: Final = 0.1  # of dead times that share a residual
 _INTERVALS: Final = math.ceil((MAX_DEAD_TIME_S + _UNKNOWN_S) / _INTERVAL_S - 1e-9)
 _REFUTED_S: Final = 60.0  # for which an interval is out once its sum has passed the limit; assumed
-_STANDING_TICKS: Final = 3  # in which a valve that stands has not moved; assumed
+_TICKS: Final = 3  # in which a valve that stands has not moved; assumed
 _STEP_S: Final = 0.02  # of the model's integration: an eighth of the paper's shortest lag
 _KEPT_S: Final = 1.0  # of the response, for samples that come late
 _LONGEST_S: Final = 10.0  # that is integrated in such steps; what lies before, in a single one
@@ -195,22 +149,20 @@ _PLAY_S: Final = 20.0
 _PLAY_AT_START: Final = math.radians(0.75)
 _MOST_PLAY: Final = math.radians(1.0)
 
-
-# A history is an array (1 + entries, 3): a time [s] and two numbers each, in the order of arrival;
-# row 0 has their count. Room is for GNSS and control at 100 Hz and an encoder at 200 Hz; beyond
-# them the oldest entries are lost, and the spans shorter.
+# A history is an array (1 + entries, 3) of a time [s] and two numbers each, in the order of
+# arrival; row 0 has their count. Room is for GNSS and control at 100 Hz and an encoder at 200 Hz;
+# beyond them the oldest entries are lost, and the spans shorter.
 MONITORS: Final = np.dtype(
     [
         ("limit", "f8", _COUNT),
         ("statistic", "f8", _COUNT),
         ("residual", "f8", _COUNT),  # latest value of what the statistic is made from, or NaN
         ("present", "f8", (_COUNT, ALARM)),  # the alarm that each would give
-        ("begun_s", "f8", _COUNT),  # of the alarms that stand
-        ("standing", "f8"),  # how many of them
+        ("standing", "f8"),  # number of alarms
         ("unused", "f8", len(SensorIndex)),  # 1: an alarm rules the sensor out for the next tick
-        # Time and value of the latest reading; repetitions since the last new value; readings and
-        # repetitions in good health
-        ("reading", "f8", (_SENSORS, 7)),
+        # Latest reading: time, repetitions since the last new one, value; all readings in good
+        # health, repetitions among them
+        ("reading", "f8", (DetectorIndex.STEERING, 7)),
         ("positions", "f8", (2, 1 + 102, 3)),  # x, y [m] of a second, by receiver
         ("differences", "f8", (2, _DIFFERENCES)),  # unsigned, of second order: a ring; by size [m]
         ("difference_count", "f8"),  # of all so far
@@ -222,7 +174,7 @@ MONITORS: Final = np.dtype(
         ("response", "f8", (2, 1 + 402, 3)),  # [rad] of the model without a dead time
         ("valve", "f8", 2),  # [rad], its state
         ("angle", "f8", 2),  # [rad]
-        ("mean", "f8", (2, _STANDING_TICKS)),  # of the samples of the last ticks [rad]
+        ("mean", "f8", (2, _TICKS)),  # of the samples of the last ticks [rad]
         ("moved", "f8", 2),  # range of these means
         ("sample", "f8", 2),  # the last one [rad]
         ("changes", "f8", (2, _CHANGES)),  # squares, between recent samples: a ring
@@ -241,8 +193,7 @@ MONITORS: Final = np.dtype(
     ]
 )
 """What the built-in detectors remember, a flat array of `MONITORS.itemsize // 8` entries."""
-
-_STANDING_COUNT: Final = MONITORS.fields["standing"][1] // 8 if MONITORS.fields else 0
+_STANDING_COUNT: Final = (MONITORS.fields or {})["standing"][1] // 8
 
 MODEL: Final = np.dtype(
     [
@@ -256,29 +207,23 @@ MODEL: Final = np.dtype(
 )
 """Model parameters that the built-in detectors use, a flat array as `Vehicle` has them."""
 
-INNOVATION_COLUMNS: Final = 7
-"""Of an `Innovation`: `SensorIndex`, its numbers, two whitened ones, log determinant."""
-
 
 def monitor_parameters(vehicle: Vehicle) -> FloatArray:
     """Return the parameters of a vehicle as `MODEL` has them, flat."""
-    v = vehicle
-    lags, rates = (v.steering_lag_t, v.steering_lag_i), (v.steering_rate_t, v.steering_rate_i)
-    drive = v.speed_gain, v.speed_time_constant, -1.0 if v.reverse else 1.0
-    return np.array([*v.dead_times, *lags, *rates, *drive])
+    v, sign = vehicle, -1.0 if vehicle.reverse else 1.0
+    steering = v.steering_lag_t, v.steering_lag_i, v.steering_rate_t, v.steering_rate_i
+    return np.array([*v.dead_times, *steering, v.speed_gain, v.speed_time_constant, sign])
 
 
 def new_monitors() -> FloatArray:
     """Return the record of the built-in detectors before their first tick, flat."""
     flat = np.zeros(MONITORS.itemsize // 8)
     record = flat.view(MONITORS)[0]
-    record["limit"] = [item.limit for item in _BUILT_IN]
-    record["residual"][DetectorIndex.STEERING :] = math.nan
-    record["present"][:, 0] = [item.reaction for item in _BUILT_IN]
-    record["mean"] = record["moved"] = math.inf  # of one that has not stood yet
-    record["valve"] = record["angle"] = record["sample"] = math.nan
+    record["limit"], record["present"][:, 0] = _LIMITS, _REACTIONS
     record["reading"][:, 0] = record["steered_s"] = -math.inf
-    record["reading"][:, 1:4] = record["least"][..., 1] = math.nan
+    record["residual"][DetectorIndex.STEERING :] = record["least"][..., 1] = math.nan
+    record["valve"] = record["angle"] = record["sample"] = record["reading"][:, 2:5] = math.nan
+    record["mean"] = record["moved"] = math.inf  # of a valve that has not stood yet
     record["scale"], record["mean_square"] = 1.0, _PLAY_AT_START**2
     return flat
 
@@ -288,11 +233,17 @@ def no_alarms() -> FloatArray:
     return np.tile([-1.0, 0.0, 0.0, 0.0], (_COUNT, 1))
 
 
-@cached_njit(nogil=True, error_model="numpy")
+_compiled: Final = cached_njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+
+
+@_compiled
 def _remember(
     history: FloatArray, oldest_s: float, time_s: float, first: float, second: float
-) -> None:
-    """Drop the entries before the first one from `oldest_s` on; add one unless its time is NaN."""
+) -> int:
+    """Drop the entries before the first one from `oldest_s` on; add one unless its time is NaN.
+
+    Returns the number of entries.
+    """
     count, dropped, adds = int(history[0, 0]), 0, time_s == time_s
     while dropped < count and history[1 + dropped, 0] < oldest_s:
         dropped += 1
@@ -307,9 +258,10 @@ def _remember(
         count += 1
         history[count, 0], history[count, 1], history[count, 2] = time_s, first, second
     history[0, 0] = count
+    return count
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_compiled
 def _mean(history: FloatArray, begin_s: float, end_s: float) -> float:
     """Return the mean of the first numbers of a history in a span, NaN if there are none."""
     total, count = 0.0, 0
@@ -320,7 +272,7 @@ def _mean(history: FloatArray, begin_s: float, end_s: float) -> float:
     return total / count if count else math.nan
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_compiled
 def _median(values: FloatArray) -> float:
     """Return the median of an array (n,), whose order changes: selection after Hoare (1961)."""
     count, low, high = len(values), 0, len(values) - 1
@@ -335,10 +287,8 @@ def _median(values: FloatArray) -> float:
             if left <= right:
                 values[left], values[right] = values[right], values[left]
                 left, right = left + 1, right - 1
-        if right < middle:
-            low = left
-        if middle < left:
-            high = right
+        low = left if right < middle else low
+        high = right if middle < left else high
     if count % 2:
         return values[middle]
     below = values[0]
@@ -347,7 +297,7 @@ def _median(values: FloatArray) -> float:
     return (below + values[middle]) / 2.0
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_compiled
 def observe_monitors(
     parameters: FloatArray,
     monitors: FloatArray,
@@ -365,40 +315,35 @@ def observe_monitors(
     not used while it repeats itself; the first other reading ends the alarm. Samples under an old
     time stamp do not count. The statistic of a sensor that repeats readings in good health is 0.
 
-    Speed over ground: the slope of the positions of a second over time, by Theil and Sen (Sen 1968,
-    JASA 63). Each axis has the median of the slopes between all pairs of positions, which a single
-    outlier does not move. A position farther from the last one than a vehicle goes is left out, for
-    a second at most, as is one of a time before it. The speed is the mean of the receivers that
-    have sent positions over 0.6 s, without a sign. Motion compares the speed that the hydrostat's
-    commands ask for with it, wheels that of the encoder, each in the mean of the same second. The
-    allowance holds for three standard deviations of the speed over ground, as with a noise of the
-    positions of 10 cm. With more noise the residual is that much smaller and gives no alarm.
+    Motion, wheels: the speed that the hydrostat's commands ask for, and that of the encoder, in the
+    mean of a second against the speed over ground in it. That is the slope of the positions over
+    time by Theil and Sen (Sen 1968, JASA 63): each axis has the median of the slopes between all
+    pairs, which a single outlier does not move; both receivers have their mean, without a sign. A
+    position farther from the last one than a vehicle goes is left out, for a second at most, as is
+    one of a time before it. The allowance holds for three standard deviations of the speed, as with
+    a noise of the positions of 10 cm. More noise makes the residual smaller and gives no alarm.
 
-    Sums are cumulative ones to both sides (Page 1954, Biometrika 41),
+    Sums are cumulative ones to both sides (Page 1954, Biometrika 41). They grow where the mean
+    residual r is above the allowance k, half of the shift to be detected:
 
         g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k).
 
-    They grow where the mean residual r is above the allowance k, half of the shift to be detected.
-
-    Steering: a measured angle is compared with the response of the model to the commands, which has
-    the rate limit and the lag learnt so far. The dead time may not be learnt yet, or wrongly: each
-    interval of possible ones has a residual of its own, the distance of the mean sample of a tick
-    from what the response has covered in it, and a sum. A healthy valve agrees with one of the
-    intervals for good, a stuck valve with none: the statistic is the least of the sums [rad]. An
-    interval that the valve contradicts while it follows another is refuted for a minute, or until
-    the valve moves as it says and as no other. Standstill, as of a stuck valve, counts those alone
-    that are not refuted, all if there are none, and is 0 while the angle moves, so that it is
-    earlier; commands that are late or lost for a moment show as well. The allowance grows with the
-    noise of the mean, where it is above that of the paper's sensor, and is at least twice the root
-    mean square of the residuals of a valve with play.
+    Steering: a measured angle against the response of the model to the commands, which has the rate
+    limit and the lag learnt so far. The dead time may not be learnt yet, or wrongly: each interval
+    of possible ones has a residual of its own, the distance of the mean sample of a tick from what
+    the response has covered in it, and a sum. A healthy valve agrees with one of the intervals for
+    good, a stuck valve with none: the statistic is the least of the sums [rad]. An interval that
+    the valve contradicts while it follows another is refuted for a minute, or until the valve moves
+    as it says and as no other. Standstill, as of a stuck valve, counts the others alone, and is 0
+    while the angle moves, so that it is earlier; commands that are late or lost for a moment show
+    as well. The allowance grows with the noise of the mean, where it is above that of the paper's
+    sensor, and is at least twice the root mean square of the residuals of a valve with play.
 
     Innovations: the sum S of the normalised squared innovations of a sensor over a second. For a
     consistent filter it is chi-square with n degrees of freedom, the entries of all samples. The
-    statistic is its standard normal equivalent (Wilson and Hilferty 1931),
+    statistic is its standard normal equivalent (Wilson and Hilferty 1931), 0 below its mean,
 
-        ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)),
-
-    0 where it is below its mean. A refused sample, of a false time for example, does not count.
+        ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)).
 
     Args:
         parameters: flat record `MODEL`.
@@ -406,107 +351,94 @@ def observe_monitors(
         rows: samples (n, `SAMPLE`) that arrived since the tick before, in the order of arrival.
         now: time of the tick [s].
         command: of the period before (3,), NaN where there was none.
-        innovations: of the samples of this tick (n, `INNOVATION_COLUMNS`).
+        innovations: of the samples of this tick (n, `INNOVATION`).
         alarms: rows of `ALARM` entries by `DetectorIndex` (16, 4); change.
     """
     p, s = parameters.view(MODEL)[0], monitors.view(MONITORS)[0]
-    sent = command[0] == command[0]
+    limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
+    sent, differences = command[0] == command[0], s.differences
 
-    for row in range(len(rows)):
-        sensor, time_s = int(rows[row, 1]), rows[row, 0]
-        if sensor >= _SENSORS or not (s.reading[sensor, 0] < time_s < math.inf):
-            continue
-        same = True
-        for n in range(3):
-            same = same and s.reading[sensor, 1 + n] == rows[row, 2 + n]
-            s.reading[sensor, 1 + n] = rows[row, 2 + n]
-        s.reading[sensor, 0] = time_s
-        run, readings, repeated = s.reading[sensor, 4], s.reading[sensor, 5], s.reading[sensor, 6]
-        if same:
-            s.reading[sensor, 4] = run + 1.0
-            continue
-        judged = readings >= _LEAST_READINGS and repeated <= _LARGEST_SHARE * readings
-        if not judged or run <= s.limit[sensor]:
-            s.reading[sensor, 5] += run
-            s.reading[sensor, 6] += run
-        s.reading[sensor, 5] += 1.0
-        s.reading[sensor, 4] = 0.0
-    for sensor in range(_SENSORS):
-        run, readings, repeated = s.reading[sensor, 4], s.reading[sensor, 5], s.reading[sensor, 6]
-        judged = readings >= _LEAST_READINGS and repeated <= _LARGEST_SHARE * readings
-        run = run if judged else 0.0
-        s.statistic[sensor] = s.residual[sensor] = run
-        begins, ends = run > s.limit[sensor], run < _ENDS * s.limit[sensor]
-        s.unused[sensor] = 1.0 if begins or (alarms[sensor, 0] >= 0.0 and not ends) else 0.0
+    for sensor in range(DetectorIndex.STEERING):
+        kept = s.reading[sensor]
+        judged = kept[5] >= _LEAST_READINGS and kept[6] <= _LARGEST_SHARE * kept[5]
+        for row in range(len(rows)):
+            if rows[row, 1] != sensor or not kept[0] < rows[row, 0] < math.inf:
+                continue
+            kept[0], same = rows[row, 0], True
+            for n in range(2, 5):
+                same = same and kept[n] == rows[row, n]
+                kept[n] = rows[row, n]
+            if same:
+                kept[1] += 1.0
+                continue
+            if not judged or kept[1] <= limit[sensor]:
+                kept[5] += kept[1]
+                kept[6] += kept[1]
+            kept[5] += 1.0
+            kept[1] = 0.0
+            judged = kept[5] >= _LEAST_READINGS and kept[6] <= _LARGEST_SHARE * kept[5]
+        repeated = kept[1] if judged else 0.0
+        statistic[sensor] = residuals[sensor] = repeated
+        lasts = alarms[sensor, 0] >= 0.0 and repeated >= _ENDS * limit[sensor]
+        unused[sensor] = 1.0 if lasts or repeated > limit[sensor] else 0.0
 
     new = False
     for row in range(len(rows)):
         sensor, time_s, x, y = int(rows[row, 1]), rows[row, 0], rows[row, 2], rows[row, 3]
-        if sensor >= _SENSORS or s.unused[sensor] > 0.0 or not math.isfinite(time_s + x + y):
+        if unused[sensor] > 0.0 or not math.isfinite(time_s + x + y):
             continue
         if sensor == SensorIndex.ENCODER:
             _remember(s.encoder[0], -math.inf, time_s, p.sign * x, 0.0)
         if sensor > SensorIndex.GNSS_TRAILER:
             continue
         kept = s.positions[sensor]
-        _remember(kept, time_s - _SPAN_S - 1e-6, math.nan, 0.0, 0.0)
-        count = int(kept[0, 0])
+        count = _remember(kept, time_s - _SPAN_S - 1e-6, math.nan, 0.0, 0.0)
         if count:
             span_s = time_s - kept[count, 0]
             way = math.hypot(x - kept[count, 1], y - kept[count, 2])
             if span_s <= 0.0 or way > _FASTEST_MPS * span_s + _LARGEST_ERROR_M:
                 continue
         new = True
-        _remember(kept, -math.inf, time_s, x, y)
-        count = int(kept[0, 0])
+        count = _remember(kept, -math.inf, time_s, x, y)
         for axis in range(1, 3 if count > 2 else 1):
             bend = abs(kept[count, axis] - 2.0 * kept[count - 1, axis] + kept[count - 2, axis])
-            last, place = min(int(s.difference_count), _DIFFERENCES - 1), 0
+            place = last = min(int(s.difference_count), _DIFFERENCES - 1)
             slot = int(s.difference_count) % _DIFFERENCES
             if s.difference_count >= _DIFFERENCES:  # the new one takes the place of the oldest
-                while s.differences[1, place] != s.differences[0, slot]:
-                    place += 1
-            else:
-                place = last
-            while place > 0 and s.differences[1, place - 1] > bend:
-                s.differences[1, place] = s.differences[1, place - 1]
+                while differences[1, place] != differences[0, slot]:
+                    place -= 1
+            while place > 0 and differences[1, place - 1] > bend:
+                differences[1, place] = differences[1, place - 1]
                 place -= 1
-            while place < last and s.differences[1, place + 1] < bend:
-                s.differences[1, place] = s.differences[1, place + 1]
+            while place < last and differences[1, place + 1] < bend:
+                differences[1, place] = differences[1, place + 1]
                 place += 1
-            s.differences[0, slot] = s.differences[1, place] = bend
+            differences[0, slot] = differences[1, place] = bend
             s.difference_count += 1.0
     _remember(s.encoder[0], now - _HISTORY_S, math.nan, 0.0, 0.0)
 
-    count = int(s.plan[0, 0, 0])
-    before = s.plan[0, count, 0] if count else -math.inf
+    plan = s.plan[0]
+    count = int(plan[0, 0])
+    before = plan[count, 0] if count else -math.inf
     if sent and before < now:
         _remember(s.sent[0], now - p.dead_time[2] - 1e-9, now, command[2], 0.0)
         target = p.speed_gain * abs(s.sent[0, 1, 1])
-        speed = s.plan[0, count, 1] if count else target
-        if math.isnan(speed):
-            speed = target
+        speed = plan[count, 1] if count and plan[count, 1] == plan[count, 1] else target
         speed += (1.0 - math.exp((before - now) / p.speed_time_constant)) * (target - speed)
-        _remember(s.plan[0], now - _HISTORY_S - _SPAN_S, now, speed, 0.0)
+        _remember(plan, now - _HISTORY_S - _SPAN_S, now, speed, 0.0)
 
-    newest, begin_s, end_s, ground, inverse, spans = 0.0, math.inf, -math.inf, 0.0, 0.0, 0
-    for receiver in range(2):
-        count = int(s.positions[receiver, 0, 0])
-        if count:
-            last_s = s.positions[receiver, count, 0]
-            newest = last_s if receiver == 0 else max(newest, last_s)
+    begin_s, end_s, ground, inverse, spans = math.inf, -math.inf, 0.0, 0.0, 0
     for receiver in range(2 if new else 0):
-        kept = s.positions[receiver]
-        count = int(kept[0, 0])
-        if (
-            not count
-            or kept[count, 0] - kept[1, 0] < _LEAST_S
-            or kept[count, 0] <= newest - _LEAST_S
-        ):
+        kept, other = s.positions[receiver], s.positions[1 - receiver]
+        count, others = int(kept[0, 0]), int(other[0, 0])
+        last_s = kept[count, 0]
+        if not count or last_s - kept[1, 0] < _LEAST_S:
+            continue
+        if others and last_s <= other[others, 0] - _LEAST_S:
             continue
         spans += 1
-        begin_s, end_s = min(begin_s, kept[1, 0]), max(end_s, kept[count, 0])
-        slopes, square = np.empty(count * (count - 1) // 2), 0.0
+        begin_s, end_s = min(begin_s, kept[1, 0]), max(end_s, last_s)
+        slopes, square, centre = np.empty(count * (count - 1) // 2), 0.0, 0.0
         for axis in range(1, 3):
             pair = 0
             for later in range(2, count + 1):
@@ -516,7 +448,6 @@ def observe_monitors(
                     pair += 1
             square += _median(slopes) ** 2
         ground += math.sqrt(square)
-        centre = 0.0
         for n in range(1, count + 1):
             centre += kept[n, 0]
         square = 0.0
@@ -527,42 +458,37 @@ def observe_monitors(
         ground /= spans
         sd, count = 0.0, min(int(s.difference_count), _DIFFERENCES)
         if count >= _LEAST_DIFFERENCES:
-            middle = s.differences[1, (count - 1) // 2] + s.differences[1, count // 2]
+            middle = differences[1, (count - 1) // 2] + differences[1, count // 2]
             sd = _MEDIAN_TO_SD * 0.5 * middle * math.sqrt(inverse) / spans
-        planned = _mean(s.plan[0], begin_s, end_s)
-        wheels = _mean(s.encoder[0], begin_s, end_s)
+        planned = _mean(plan, begin_s, end_s)
         for which in range(2):
-            index = DetectorIndex.MOTION + which
-            mean = wheels if which else planned
-            allowance, most = MOTION_ALLOWANCE, _SATURATION * MOTION
+            index, sums = DetectorIndex.MOTION + which, s.speed_sums[which]
+            mean = _mean(s.encoder[0], begin_s, end_s) if which else planned
+            most, allowance = _WHEELS if which else _MOTION
+            present = s.present[index]
+            present[3] = planned
+            if mean == mean:
+                present[1], present[2] = mean, ground
+                excess = abs(mean - ground) - max(0.0, _SIGMAS * sd - allowance)
+                residual = math.copysign(max(0.0, excess), mean - ground)
+                sums[0] = min(max(0.0, sums[0] + residual - allowance), _SATURATION * most)
+                sums[1] = min(max(0.0, sums[1] - residual - allowance), _SATURATION * most)
+                statistic[index], residuals[index] = max(sums[0], sums[1]), residual
             if which:
-                allowance, most = WHEELS_ALLOWANCE, _SATURATION * WHEELS
-                s.present[index, 3] = planned
-            if math.isnan(mean):
-                continue
-            s.present[index, 1], s.present[index, 2] = mean, ground
-            excess = abs(mean - ground) - max(0.0, _SIGMAS * sd - allowance)
-            residual = math.copysign(max(0.0, excess), mean - ground)
-            sums = s.speed_sums[which]
-            sums[0] = min(max(0.0, sums[0] + residual - allowance), most)
-            sums[1] = min(max(0.0, sums[1] - residual - allowance), most)
-            s.statistic[index], s.residual[index] = max(sums[0], sums[1]), residual
-        # The encoder is the one that is wrong where the speed over ground is nearer to the planned
-        # one; else the wheels make no or too little way.
-        wheels, ground = s.present[DetectorIndex.WHEELS, 1], s.present[DetectorIndex.WHEELS, 2]
-        reaction = _STOP_ON_PATH if ground < _STANDS * wheels else _SLOW
-        if abs(ground - planned) < abs(wheels - planned):
-            reaction = _GO_ON
-        s.present[DetectorIndex.WHEELS, 0] = reaction
+                # The encoder is the one that is wrong where the speed over ground is nearer to the
+                # planned one; else the wheels make no or too little way.
+                present[0] = _STOP_ON_PATH if present[2] < _STANDS * present[1] else _SLOW
+                if abs(present[2] - planned) < abs(present[1] - planned):
+                    present[0] = _GO_ON
 
-    later_tick = now > s.steered_s
+    axes = 2 if now > s.steered_s else 0
     s.steered_s = max(now, s.steered_s)
-    for axis in range(2 if later_tick else 0):
+    for axis in range(axes):
         response, dead_time = s.response[axis], p.dead_time[axis]
+        valve, angle, scale = s.valve[axis], s.angle[axis], s.scale[axis]
         count = int(response[0, 0])
         if sent and count:
-            valve, angle, target = s.valve[axis], s.angle[axis], command[axis]
-            at = response[count, 0]
+            at, oldest = response[count, 0], now - dead_time - _UNKNOWN_S - _KEPT_S
             skipped = max(0.0, now - at - _LONGEST_S)
             for part in range(0 if skipped > 0.0 else 1, 2):
                 steps, step = 1, skipped
@@ -571,46 +497,41 @@ def observe_monitors(
                     step = (now - at) / steps
                 share, reach = 1.0 - math.exp(-step / p.lag[axis]), p.rate[axis] * step
                 for n in range(steps):
-                    valve = min(max(target, valve - reach), valve + reach)
+                    valve = min(max(command[axis], valve - reach), valve + reach)
                     angle += share * (valve - angle)
-                    _remember(response, -math.inf, at + (n + 1) * step, angle, 0.0)
+                    count = _remember(response, oldest, at + (n + 1) * step, angle, 0.0)
                 at += skipped
             s.valve[axis], s.angle[axis] = valve, angle
-            oldest = now - dead_time - _UNKNOWN_S - _KEPT_S
-            _remember(response, oldest, math.nan, 0.0, 0.0)
 
         mean, number, earliest, latest = 0.0, 0, math.inf, -math.inf
-        for row in range(len(rows)):
-            sensor, time_s, value = int(rows[row, 1]), rows[row, 0], rows[row, 2]
-            if sensor != SensorIndex.STEERING_TRACTOR + axis or s.unused[sensor] > 0.0:
+        sensor, changes = SensorIndex.STEERING_TRACTOR + axis, s.changes[axis]
+        for row in range(len(rows) if unused[sensor] == 0.0 else 0):
+            time_s, value = rows[row, 0], rows[row, 2]
+            if rows[row, 1] != sensor or not math.isfinite(time_s + value):
                 continue
-            if math.isfinite(time_s + value):
-                mean += value
-                number += 1
-                earliest, latest = min(earliest, time_s), max(latest, time_s)
-                if not math.isnan(s.angle[axis]):
-                    if not math.isnan(s.sample[axis]):
-                        slot = int(s.change_count[axis]) % _CHANGES
-                        s.changes[axis, slot] = (value - s.sample[axis]) ** 2
-                        s.change_count[axis] += 1.0
-                    s.sample[axis] = value
+            mean += value
+            number += 1
+            earliest, latest = min(earliest, time_s), max(latest, time_s)
+            change = value - s.sample[axis]
+            if change == change:
+                changes[int(s.change_count[axis]) % _CHANGES] = change * change
+                s.change_count[axis] += 1.0
+            s.sample[axis] = value if angle == angle else math.nan
         if not number:
             continue
         mean /= number
-        if math.isnan(s.angle[axis]):
+        if angle != angle:
             s.valve[axis] = s.angle[axis] = mean
             _remember(response, -math.inf, now, mean, 0.0)
             s.compared_s[axis] = now
             continue
-        low, high = mean, mean
-        for n in range(1, _STANDING_TICKS):
-            low, high = min(low, s.mean[axis, n]), max(high, s.mean[axis, n])
-            s.mean[axis, n - 1] = s.mean[axis, n]
-        s.mean[axis, _STANDING_TICKS - 1] = mean
-        s.moved[axis] = high - low
+        means, low, high = s.mean[axis], mean, mean
+        for n in range(1, _TICKS):
+            low, high = min(low, means[n]), max(high, means[n])
+            means[n - 1] = means[n]
+        means[_TICKS - 1], s.moved[axis] = mean, high - low
 
         intervals = min(_INTERVALS, math.ceil((dead_time + _UNKNOWN_S) / _INTERVAL_S - 1e-9))
-        count = int(response[0, 0])
         first, last, known = count + 1, count, True
         for n in range(intervals + 1):
             delay = n * _INTERVAL_S
@@ -630,178 +551,143 @@ def observe_monitors(
             sums[n, 0] = sums[n, 1] = sums[n, 4] = 0.0
             sums[n, 3] = -math.inf
         s.interval_count[axis] = intervals
-        total, changes = 0.0, min(int(s.change_count[axis]), _CHANGES)
-        for n in range(changes):
-            total += s.changes[axis, n]
-        noise = math.sqrt(total / (2.0 * max(1, changes) * number))
-        play = 2.0 * math.sqrt(s.mean_square[axis]) / STEERING_ALLOWANCE
-        scale = s.scale[axis] = max(1.0, play, noise / _QUIET)
-        most = _SATURATION * STEERING_STOP
+        total, count = 0.0, min(int(s.change_count[axis]), _CHANGES)
+        for n in range(count):
+            total += changes[n]
+        noise = math.sqrt(total / (2.0 * max(1, count) * number))
+        play = 2.0 * math.sqrt(s.mean_square[axis]) / _ALLOWANCE
+        s.scale[axis] = scale = max(1.0, play, noise / _QUIET)
         for n in range(intervals):
-            low = min(s.windows[n], s.windows[n + 1])
-            high = max(s.windows[n], s.windows[n + 1])
-            residual = sums[n, 2] = (mean - min(max(mean, low), high)) / scale
-            sums[n, 0] = min(max(0.0, sums[n, 0] + residual - STEERING_ALLOWANCE), most)
-            sums[n, 1] = min(max(0.0, sums[n, 1] - residual - STEERING_ALLOWANCE), most)
+            low, high = s.windows[n], s.windows[n + 1]
+            residual = mean - min(max(mean, min(low, high)), max(low, high))
+            sums[n, 2] = residual = residual / scale
+            for side in range(2):
+                total = sums[n, side] + residual - _ALLOWANCE
+                sums[n, side] = min(max(0.0, total), _SATURATION * _STEERING)
+                residual = -residual
         for part in range(3):  # the least of all; of those that are possible, before and after
             possible = False
             for n in range(intervals):
                 possible = possible or (part > 0 and sums[n, 4] == 0.0)
             best, residual = math.inf, math.nan
             for n in range(intervals):
-                largest = max(sums[n, 0], sums[n, 1])
-                if possible and sums[n, 4] > 0.0:
-                    continue
-                if largest < best or (largest == best and abs(sums[n, 2]) < abs(residual)):
-                    best, residual = largest, sums[n, 2]
-            s.least[axis, min(part, 1), 0], s.least[axis, min(part, 1), 1] = best, residual
-            if part == 1:
-                follows = best <= STEERING
-                mistaken = not follows and s.least[axis, 0, 0] <= STEERING
-                mistaken = mistaken and s.moved[axis] >= STEERING_ALLOWANCE * scale
-                for n in range(intervals):
-                    if follows and max(sums[n, 0], sums[n, 1]) > STEERING:
-                        sums[n, 3] = now
-                    if mistaken:
-                        sums[n, 3] = -math.inf
-                    sums[n, 4] = 1.0 if now - sums[n, 3] < _REFUTED_S else 0.0
+                most = max(sums[n, 0], sums[n, 1])
+                nearer = most < best or (most == best and abs(sums[n, 2]) < abs(residual))
+                if nearer and not (possible and sums[n, 4] > 0.0):
+                    best, residual = most, sums[n, 2]
+            least = s.least[axis, min(part, 1)]
+            least[0], least[1] = best, residual
+            mistaken = s.least[axis, 0, 0] <= _STANDSTILL < best
+            mistaken = mistaken and s.moved[axis] >= _ALLOWANCE * scale
+            for n in range(intervals if part == 1 else 0):
+                if best <= _STANDSTILL < max(sums[n, 0], sums[n, 1]):
+                    sums[n, 3] = now
+                if mistaken:
+                    sums[n, 3] = -math.inf
+                sums[n, 4] = 1.0 if now - sums[n, 3] < _REFUTED_S else 0.0
         square = min(scale * abs(s.least[axis, 1, 1]), _MOST_PLAY) ** 2
         weight = min(1.0, (now - s.compared_s[axis]) / _PLAY_S)
         s.mean_square[axis] += weight * (square - s.mean_square[axis])
         s.compared_s[axis] = now
     for axis in range(2):
-        stands = s.moved[axis] < STEERING_ALLOWANCE * s.scale[axis]
+        moves = s.moved[axis] >= _ALLOWANCE * s.scale[axis]
         for which in range(2):
-            index = DetectorIndex.STEERING + 2 * which + axis
-            statistic = s.least[axis, which, 0]
-            s.statistic[index] = statistic if which == 0 or stands else 0.0
-            s.residual[index] = s.least[axis, which, 1]
+            index, least = DetectorIndex.STEERING + 2 * which + axis, s.least[axis, which]
+            statistic[index], residuals[index] = least[0], least[1]
+            if which and moves:
+                statistic[index] = 0.0
 
     for n in range(4):
-        kept, sensor = s.innovations[n], (n if n < 2 else n + 2)
+        kept, index, sensor = s.innovations[n], DetectorIndex.INNOVATIONS + n, n + n // 2 * 2
         total, entries = 0.0, 0.0
         for row in range(len(innovations)):
             if innovations[row, 0] == sensor and math.isfinite(innovations[row, 1]):
                 total += min(innovations[row, 1], _MOST_SQUARE)
                 entries += innovations[row, 2]
-        _remember(kept, now - _SPAN_S + 1e-6, now if entries else math.nan, total, entries)
-        index = DetectorIndex.INNOVATIONS + n
-        total, entries = 0.0, 0.0
-        for row in range(1, 1 + int(kept[0, 0])):
-            total += kept[row, 1]
+        time_s = now if entries else math.nan
+        count = _remember(kept, now - _SPAN_S + 1e-6, time_s, total, entries)
+        square, entries = 0.0, 0.0
+        for row in range(1, 1 + count):
+            square += kept[row, 1]
             entries += kept[row, 2]
-        s.statistic[index], s.residual[index] = 0.0, math.nan
+        statistic[index], residuals[index] = 0.0, math.nan
         if entries:
             spread = 2.0 / (9.0 * entries)
-            equivalent = ((total / entries) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
-            s.statistic[index] = s.residual[index] = max(0.0, equivalent)
+            equivalent = ((square / entries) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
+            statistic[index] = residuals[index] = max(0.0, equivalent)
 
     s.standing = 0.0
     for index in range(_COUNT):
-        if s.statistic[index] > s.limit[index]:
-            if alarms[index, 0] < 0.0:
-                s.begun_s[index] = now
-                for n in range(ALARM):
-                    alarms[index, n] = s.present[index, n]
-        elif s.statistic[index] < _ENDS * s.limit[index]:
+        if statistic[index] > limit[index]:
+            for n in range(ALARM if alarms[index, 0] < 0.0 else 0):
+                alarms[index, n] = s.present[index, n]
+        elif statistic[index] < _ENDS * limit[index]:
             alarms[index, 0] = -1.0
-        if alarms[index, 0] >= 0.0:
-            s.standing += 1.0
+        s.standing += 1.0 if alarms[index, 0] >= 0.0 else 0.0
     if alarms[DetectorIndex.WHEELS, 0] == _GO_ON:
-        s.unused[SensorIndex.ENCODER] = 1.0
+        unused[SensorIndex.ENCODER] = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """What is constant of a built-in detector; its reason names the numbers of an alarm."""
-
-    name: str
-    limit: float
-    reaction: Reaction
-    reason: str
-    allowance: float = math.nan  # of its cumulative sum; NaN where it has none
-    unused: frozenset[Sensor] = frozenset()
-
-    def alarm(self, row: FloatArray) -> Alarm:
-        """Return the alarm of a row of `ALARM` entries."""
-        reaction, *numbers = row.tolist()
-        reason, unused = self.reason.format(*numbers), self.unused
-        if self.name == "wheels" and reaction == Reaction.GO_ON:
-            reason += f", planned {numbers[2]:.2f} m/s: encoder not used"
-            unused = frozenset({Sensor.ENCODER})
-        return Alarm(self.name, reason, Reaction(int(reaction)), unused)
-
-
-_NAMES: Final = {
-    Sensor.GNSS_TRACTOR: "GNSS of the tractor",
-    Sensor.GNSS_TRAILER: "GNSS of the trailer",
-    Sensor.STEERING_TRACTOR: "front steering angle",
-    Sensor.STEERING_TRAILER: "trailer steering angle",
-    Sensor.HITCH: "hitch angle",
-    Sensor.ENCODER: "encoder",
-}
+_ANGLES: Final = "front steering angle", "trailer steering angle"
+_OTHERS: Final = "GNSS of the tractor", "GNSS of the trailer", "hitch angle", "encoder"
 _VALVES: Final = "front steering", "trailer steering"
-# The steering angles have monitors of their own, since a dead time that was not learnt yet makes
-# their innovations large. Innovations of the others grow with a fault of the sensor, and as much
-# with wrong lengths or an assumed noise that is too small: the vehicle goes on, and learns.
-_WEIGHED: Final = Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER, Sensor.HITCH, Sensor.ENCODER
-_SPEEDS: Final = "GNSS moves at {1:.2f} m/s"
+# By detector: name, limit, reaction, reason. A valve that stands still slows the vehicle down until
+# it is known whether it is stuck. The steering angles have detectors of their own, since a dead
+# time that was not learnt yet makes their innovations large. Innovations of the others grow with a
+# fault of the sensor, and as much with wrong lengths or an assumed noise that is too small: the
+# vehicle goes on, and learns.
+_TABLE = [
+    (f"readings of the {what}", _REPETITIONS, _GO_ON, f"{what} repeats one reading: not used")
+    for what in (*_OTHERS[:2], *_ANGLES, *_OTHERS[2:])
+]
+_TABLE += [(what, _STEERING, _STOP, f"{what} does not follow its command") for what in _VALVES]
+_TABLE += [
+    (f"{what} at standstill", _STANDSTILL, _SLOW, f"{what} stands still against its command")
+    for what in _VALVES
+]
+_TABLE += [
+    ("motion", _MOTION[0], _STOP_ON_PATH, "planned speed {:.2f} m/s, GNSS moves at {:.2f} m/s"),
+    ("wheels", _WHEELS[0], _SLOW, "wheels turn at {:.2f} m/s, GNSS moves at {:.2f} m/s"),
+]
+_TABLE += [
+    (f"innovations of the {what}", limit, _GO_ON, f"{what} contradicts the estimate")
+    for what, limit in zip(_OTHERS, _INNOVATION, strict=True)
+]
+_NAMES, _LIMITS, _REACTIONS, _REASONS = zip(*_TABLE, strict=True)
 
 
-def _kinds() -> Iterator[_Kind]:
-    for sensor, what in _NAMES.items():
-        reason = f"{what} repeats one reading: not used"
-        name = f"readings of the {what}"
-        unused = frozenset({sensor})
-        yield _Kind(name, REPETITIONS, Reaction.GO_ON, reason, unused=unused)
-    for what in _VALVES:
-        reason = f"{what} does not follow its command"
-        yield _Kind(what, STEERING_STOP, Reaction.STOP, reason, STEERING_ALLOWANCE)
-    for what in _VALVES:  # slow, until it is known whether the valve is stuck
-        name, reason = f"{what} at standstill", f"{what} stands still against its command"
-        yield _Kind(name, STEERING, Reaction.SLOW, reason, STEERING_ALLOWANCE)
-    reason = "planned speed {0:.2f} m/s, " + _SPEEDS
-    yield _Kind("motion", MOTION, Reaction.STOP_ON_PATH, reason, MOTION_ALLOWANCE)
-    reason = "wheels turn at {0:.2f} m/s, " + _SPEEDS
-    yield _Kind("wheels", WHEELS, Reaction.SLOW, reason, WHEELS_ALLOWANCE)
-    for sensor, limit in zip(_WEIGHED, INNOVATION, strict=True):
-        what = _NAMES[sensor]
-        reason = f"{what} contradicts the estimate"
-        yield _Kind(f"innovations of the {what}", limit, Reaction.GO_ON, reason)
-
-
-_BUILT_IN: Final = tuple(_kinds())
-_BUILT_IN_NAMES: Final = tuple(kind.name for kind in _BUILT_IN)
+def alarm_view(index: int, row: FloatArray) -> Alarm:
+    """Return the alarm of a built-in detector, by `DetectorIndex`, from its `ALARM` entries."""
+    reaction, *numbers = row.tolist()
+    reason, unused = _REASONS[index].format(*numbers), frozenset[Sensor]()
+    if index < DetectorIndex.STEERING:
+        unused = frozenset({_SENSORS[index]})
+    elif index == DetectorIndex.WHEELS and reaction == _GO_ON:
+        reason += f", planned {numbers[2]:.2f} m/s: encoder not used"
+        unused = frozenset({Sensor.ENCODER})
+    return Alarm(_NAMES[index], reason, Reaction(int(reaction)), unused)
 
 
 class BuiltIn(Detector):
     """View of a built-in detector on the record that all of them share; `Monitors` advances it."""
 
     def __init__(self, index: int, record: FloatArray) -> None:
-        self.index, self.record = index, record  # `DetectorIndex`; `MONITORS`, flat
-        self.name, self.allowance = _BUILT_IN[index].name, _BUILT_IN[index].allowance
+        self.name, self.index, self.record = _NAMES[index], index, record
+        sums = dict.fromkeys(range(DetectorIndex.STEERING, DetectorIndex.MOTION), _ALLOWANCE)
+        sums |= {int(DetectorIndex.MOTION): _MOTION[1], int(DetectorIndex.WHEELS): _WHEELS[1]}
+        self.allowance = sums.get(index, math.nan)  # of its cumulative sum, NaN where it has none
 
-    def _get(self, name: str) -> float:
-        return float(self.record.view(MONITORS)[name][0, self.index])
+    def _get(self, field: str) -> float:
+        return float(self.record.view(MONITORS)[field][0, self.index])
 
-    @property
-    def limit(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Limit above which an alarm begins."""
-        return self._get("limit")
-
-    @property
-    def statistic(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Present value, 0 or above."""
-        return self._get("statistic")
-
-    @property
-    def residual(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Latest value of what the statistic is made from, NaN where there is none."""
-        return self._get("residual")
+    # Attributes of a detector of a user; here they follow the record.
+    limit = property(lambda self: self._get("limit"))  # pyright: ignore[reportAssignmentType]
+    statistic = property(lambda self: self._get("statistic"))  # pyright: ignore[reportAssignmentType]
+    residual = property(lambda self: self._get("residual"))  # pyright: ignore[reportAssignmentType]
 
     def alarm(self) -> Alarm:
         """Return the alarm for the present statistic."""
-        return _BUILT_IN[self.index].alarm(self.record.view(MONITORS)["present"][0, self.index])
+        return alarm_view(self.index, self.record.view(MONITORS)["present"][0, self.index])
 
 
 def detectors() -> tuple[BuiltIn, ...]:
@@ -810,23 +696,19 @@ def detectors() -> tuple[BuiltIn, ...]:
     return tuple(BuiltIn(index, record) for index in range(_COUNT))
 
 
-_NUMBERS: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in Sensor}
-
-
-def innovation_rows(innovations: Sequence[Innovation]) -> FloatArray:
-    """Return rows of `INNOVATION_COLUMNS` numbers, NaN where a whitened one is not known, (n, 7).
-
-    Those of unknown sensors are left out.
-    """
-    rows = [
-        (_NUMBERS[i.sensor], *i[1:4], *(*i.whitened, math.nan, math.nan)[:2], i.log_determinant)
-        for i in innovations
-        if i.sensor in _NUMBERS
-    ]
-    return np.array(rows, dtype=float).reshape(-1, INNOVATION_COLUMNS)
-
-
+_SENSORS: Final = tuple(Sensor)  # in the order of `SensorIndex`
 _NO_COMMAND: Final = np.full(len(Input), math.nan)
+
+
+def _rows(innovations: Sequence[Innovation]) -> FloatArray:
+    """Return what `observe_monitors` uses of innovations, rows (n, `INNOVATION`)."""
+    if isinstance(innovations, Innovations):
+        return innovations.rows
+    known = [item for item in innovations if item.sensor in _SENSORS]
+    rows = np.full((len(known), INNOVATION), math.nan)
+    rows[:, 0] = [_SENSORS.index(item.sensor) for item in known]
+    rows[:, 1:3] = np.reshape([item[1:3] for item in known], (-1, 2))
+    return rows
 
 
 class Monitors:
@@ -857,12 +739,10 @@ class Monitors:
 
     def warm_up(self) -> None:
         """Compile or load what `observe` needs; changes no later result."""
-        nothing, parameters = np.empty((0, SAMPLE)), monitor_parameters(Vehicle())
         if self._record.size:
-            none = np.empty((0, INNOVATION_COLUMNS))
-            state = parameters, self._record.copy()
-            observe_monitors(*state, nothing, 0.0, _NO_COMMAND, none, no_alarms())
-        for detector in self.detectors:
+            tick = np.empty((0, SAMPLE)), 0.0, _NO_COMMAND, np.empty((0, INNOVATION)), no_alarms()
+            observe_monitors(monitor_parameters(Vehicle()), self._record.copy(), *tick)
+        for detector in self._steps:
             if isinstance(detector, WarmingUp):
                 detector.warm_up()
 
@@ -872,7 +752,7 @@ class Monitors:
             names: tuple[str, ...] = (detector.name,)
             if isinstance(detector, BuiltIn):
                 self._observe(observation)
-                names = _BUILT_IN_NAMES
+                names = _NAMES
             else:
                 detector.observe(observation)
                 if detector.statistic > detector.limit:
@@ -889,15 +769,15 @@ class Monitors:
         if now.vehicle is not self._vehicle:
             self._vehicle, self._parameters = now.vehicle, monitor_parameters(now.vehicle)
         command = _NO_COMMAND if now.command is None else now.command.as_array()
-        samples, innovations = sample_rows(now.samples), innovation_rows(now.estimate.innovations)
-        state = self._parameters, self._record
-        observe_monitors(*state, samples, now.time_s, command, innovations, self._rows)
+        samples, innovations = sample_rows(now.samples), _rows(now.estimate.innovations)
+        tick = samples, now.time_s, command, innovations, self._rows
+        observe_monitors(self._parameters, self._record, *tick)
         if self._active or self._record[_STANDING_COUNT]:
-            for kind, row in zip(_BUILT_IN, self._rows, strict=True):
+            for index, row in enumerate(self._rows):
                 if row[0] < 0.0:
-                    self._active.pop(kind.name, None)
-                elif kind.name not in self._active:
-                    self._active[kind.name] = kind.alarm(row)
+                    self._active.pop(_NAMES[index], None)
+                elif _NAMES[index] not in self._active:
+                    self._active[_NAMES[index]] = alarm_view(index, row)
 
     def usable(self, samples: Sequence[Measurement]) -> Sequence[Measurement]:
         """Return the samples without those of sensors that an alarm rules out."""

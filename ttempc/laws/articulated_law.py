@@ -61,7 +61,7 @@ class Law(NamedTuple):
 
 MEMORY: Final = np.dtype(
     [
-        ("correlation", "f8", (3, 3)),  # see `autocorrelate`
+        ("correlation", "f8", (3, 3)),  # see `robust_part`
         ("last", "f8"),  # tick of the last step, -2 before the first
         ("state", "f8", 16),  # of the error, on which the MPC acted
         ("feedback", "f8", 3),  # u_b
@@ -86,27 +86,15 @@ _TURN: Final = math.tau
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
-def autocorrelate(memory: FloatArray, forgetting: float, signal: FloatArray) -> None:
-    """Multiply each entry of a signal by its lag-one autocorrelation within [0, 1].
-
-    Older samples weigh less by the factor `forgetting` with each sample. `memory` (3, n) holds the
-    previous sample and the averages of product and power; the sample `signal` (n,) enters them.
-    """
-    for i in range(signal.size):
-        last, now = memory[0, i], signal[i]
-        memory[1, i] = forgetting * memory[1, i] + now * last
-        memory[2, i] = forgetting * memory[2, i] + 0.5 * (now * now + last * last)
-        memory[0, i] = now
-        signal[i] *= min(max(memory[1, i] / max(memory[2, i], _TINY), 0.0), 1.0)
-
-
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def robust_part(
     k: int, law: Law, stages: Stages, memory: FloatArray, given: FloatArray, tick: FloatArray
 ) -> None:
     """Write nominal state, deviation, action and modelling error of tick `k`.
 
-    `given` has the error (16,) and u_e(k-1) (3,); it leaves with those on which the MPC acts.
+    `given` has the error (16,) and u_e(k-1) (3,); it leaves with those on which the MPC acts. In
+    the one-step reading each action is multiplied by its lag-one autocorrelation within [0, 1]:
+    `MEMORY.correlation` holds the previous one and the averages of product and power, of which
+    older ones weigh less by the factor `Law.forgetting` with each tick.
     """
     s, t = memory.view(MEMORY)[0], tick.view(TICK)[0]
     started = s.last == k - 1
@@ -125,26 +113,36 @@ def robust_part(
                 total += stages.model[k - 1, i, 16 + c] * given[16 + c]
             s.nominal[i] = total
         s.deviation[i] = given[i] - s.nominal[i]
-    largest = 0.0
+    largest = gauge = 0.0
     for i in range(_M):
         s.action[i] = 0.0
         for j in range(_N):
             s.action[i] += law.gains[k, i, j] * s.deviation[j]
         largest = max(largest, abs(s.action[i]))
+    if law.faces.shape[0]:
+        faces, first = law.faces.shape[0], 0
+        if law.kind == TUBE_MPC:
+            faces //= law.half_widths.shape[0]
+            first = faces * k
+        gauge = report_tube(k, law, first, first + faces, s.nominal, s.deviation, t.tube)
     if law.kind == TUBE_MPC:
-        faces = law.faces.shape[0] // law.half_widths.shape[0]
-        largest = report_tube(k, law, faces * k, faces * (k + 1), s.nominal, s.deviation, t.tube)
         for i in range(_M):
-            s.action[i] = -s.action[i] if largest <= 1.0 else 0.0
+            s.action[i] = -s.action[i] if gauge <= 1.0 else 0.0
             given[16 + i] = s.feedback[i]
-        if largest <= 1.0:
+        if gauge <= 1.0:
             for i in range(_N):
                 given[i] = s.nominal[i]
         else:
             s.fallback = OUTSIDE
         return
     if law.kind == ONE_STEP:
-        autocorrelate(s.correlation, law.forgetting, s.action)
+        for i in range(_M):
+            last, now, seen = s.correlation[0, i], s.action[i], s.correlation
+            seen[1, i] = law.forgetting * seen[1, i] + now * last
+            power = 0.5 * (now * now + last * last)
+            seen[2, i] = law.forgetting * seen[2, i] + power
+            seen[0, i] = now
+            s.action[i] *= min(max(seen[1, i] / max(seen[2, i], _TINY), 0.0), 1.0)
     elif largest > _EXHAUSTED:
         s.fallback = EXHAUSTED
         for i in range(_N):
@@ -160,8 +158,6 @@ def robust_part(
         t.tracking[7 + p] = 0.0
         for j in range(_N):
             t.tracking[7 + p] += stages.outputs[k, p, j] * s.deviation[j]
-    if law.faces.shape[0]:
-        report_tube(k, law, 0, law.faces.shape[0], s.nominal, s.deviation, t.tube)
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -436,7 +432,7 @@ class ArticulatedLaw(FeedbackLaw):
             feedback=t["control"][:, 1].copy(),
             robust=t["control"][:, 2].copy(),
             modelling_error=None if np.isnan(modelling[0]) else modelling.copy(),
-            predicted_path=self.predicted_paths(np.array([k]), self.plan[None])[0],
+            predicted_path=self.path.less(k, self.horizon.planned(k, self.mpc.work)),
             solver=report,
             fallback=WORDS[int(t["law"])].format(report.status),
             tube=None

@@ -16,7 +16,6 @@ from ..estimation.filter import (
     FILTER,
     MOMENT,
     VALVES,
-    WIDTH,
     HeldCommands,
     after_dead_times,
     correct,
@@ -37,6 +36,7 @@ from ..models.augmented_state import (
     measure,
     move_augmented_state,
 )
+from ..models.rows import WIDTH
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, Identification, ParameterChange

@@ -22,6 +22,7 @@ from ..types import (
     State,
 )
 from ..vehicle import Vehicle
+from .rows import WIDTH, add_row, clear_row, scale_row, set_row
 
 
 class AugmentedState(IntEnum):
@@ -132,32 +133,6 @@ def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
     angle = delta_t + estimate.disturbance[Disturbance.STEERING]
     yaw_rate = v * math.tan(angle) / vehicle.wheelbase
     return map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
-
-
-def augmented_of(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
-    """Return the augmented state (18,) of which `estimate_of` makes this estimate.
-
-    What an estimate does not have, the error of GNSS, is 0.
-    """
-    _, _, psi_t, _, delta_t, _, v = estimate.state.tolist()
-    slip_t, slip_i, bias, drive_v, wheel = estimate.disturbance.tolist()
-    rim = v / (1.0 - wheel)
-    augmented = np.zeros(SIZE)
-    augmented[:STATES] = estimate.state
-    augmented[AugmentedState.RIM] = rim
-    augmented[AugmentedState.SIDE_X : AugmentedState.GNSS_X] = estimate.map_disturbance
-    of_map = slips(augmented)  # the part of the map alone
-    _, _, climb_x, climb_y = estimate.map_disturbance.tolist()
-    turning = math.copysign(1.0, rim) * (climb_y * math.cos(psi_t) - climb_x * math.sin(psi_t))
-    slip_rate = turning * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
-    augmented[STATES : AugmentedState.SIDE_X] = (
-        slip_t - of_map.tractor,
-        slip_i - of_map.trailer,
-        bias,
-        drive_v + rim * (wheel / vehicle.speed_time_constant + slip_rate),
-        wheel - of_map.wheel,
-    )
-    return augmented
 
 
 def estimate_of(
@@ -365,7 +340,9 @@ def state_rate_jacobian(
     yaw_i_rate = -d * cos_i / arm
     yaw_i_delta_i = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
 
-    jacobian[:, :] = 0.0
+    for i in range(STATES):
+        for j in range(jacobian.shape[1]):
+            jacobian[i, j] = 0.0
     jacobian[AugmentedState.X, AugmentedState.PSI_T] = -v * (sin_t + slip_t * cos_t)
     jacobian[AugmentedState.Y, AugmentedState.PSI_T] = v * (cos_t - slip_t * sin_t)
     jacobian[AugmentedState.PSI_T, AugmentedState.DELTA_T] = yaw_t_delta
@@ -427,7 +404,9 @@ def move_augmented_state(
         after = min(max(command[i], valves[i] - reach), valves[i] + reach)
         inputs[i] = 0.5 * (valves[i] + after)
         valves[i] = after
-    stage_x = x.copy()
+    stage_x = np.empty(len(x))
+    for i in range(len(x)):
+        stage_x[i] = middle[i] = x[i]
     rates = np.empty((4, STATES))
     state_rate(x, inputs, parameters, rates[0])
     for stage in range(3):
@@ -435,7 +414,6 @@ def move_augmented_state(
         for i in range(STATES):
             stage_x[i] = x[i] + duration * rates[stage, i]
         state_rate(stage_x, inputs, parameters, rates[stage + 1])
-    middle[:] = x
     for i in range(STATES):
         change = step_s / 6.0 * (rates[0, i] + 2.0 * (rates[1, i] + rates[2, i]) + rates[3, i])
         middle[i] = x[i] + 0.5 * change
@@ -458,37 +436,33 @@ def advance_augmented_state(
 ) -> None:
     """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
 
-    `transition` (22, 22) is the exponential of the Jacobian in the middle of the step. Its rows and
-    `x` may be longer.
+    `transition` (22, 24), contiguous, is the exponential of the Jacobian in the middle of the step;
+    the last two columns are 0. `x` may have entries beside.
     """
-    size = transition.shape[1]
     middle, inputs, faded = np.empty(len(x)), np.empty(3), np.empty(SIZE - STATES)
     move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
-    jacobian = np.empty((STATES, size))
+    jacobian = np.empty((STATES, WIDTH))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
     # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
+    previous, diagonal = np.empty((STATES, WIDTH)), np.zeros(WIDTH)
     for i in range(SIZE):
-        for j in range(size):
-            transition[i, j] = 0.0
+        clear_row(transition, i * WIDTH)
         transition[i, i] = 1.0
-    previous, diagonal = np.empty((STATES, size)), np.zeros(size)
     for term in range(_TERMS, 0, -1):
         for i in range(STATES):
-            for j in range(size):
-                previous[i, j] = transition[i, j]
+            set_row(previous, i * WIDTH, 1.0, transition, i * WIDTH)
         for j in range(STATES, SIZE):
             diagonal[j] = transition[j, j]
         duration = step_s / term
         for i in range(STATES):
-            for j in range(size):
-                transition[i, j] = jacobian[i, j] * diagonal[j]
-            for k in range(STATES):
+            set_row(transition, i * WIDTH, duration, jacobian, i * WIDTH)
+            scale_row(transition, i * WIDTH, 1.0, diagonal, 0)
+        for k in range(STATES):
+            for i in range(STATES):
                 if jacobian[i, k] != 0.0:
-                    for j in range(size):
-                        transition[i, j] += jacobian[i, k] * previous[k, j]
-            for j in range(size):
-                transition[i, j] *= duration
+                    by = duration * jacobian[i, k]
+                    add_row(transition, i * WIDTH, by, previous, k * WIDTH)
         for i in range(STATES):
             transition[i, i] += 1.0
         for j in range(STATES, SIZE):
@@ -510,7 +484,8 @@ def measure(
     The reading of a gyro is the integral of its yaw rate over the time `span_s` since its last
     sample; the other sensors do not need it.
     """
-    jacobian[:, :] = 0.0
+    for j in range(jacobian.shape[1]):
+        jacobian[0, j] = jacobian[1, j] = 0.0
     error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
     if sensor == SensorIndex.GNSS_TRACTOR:
         reading[0], reading[1] = x[AugmentedState.X] - error_x, x[AugmentedState.Y] - error_y

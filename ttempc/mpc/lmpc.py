@@ -345,7 +345,7 @@ class CondensedHorizon:
             model=np.concatenate([a[:, :r], b[:, :r]], axis=2),
             outputs=np.ascontiguousarray(c[..., :r]),
             limits=np.stack([lower, upper], axis=1),
-            matrix=np.kron(np.tril(np.ones((moves, moves))), np.eye(m)),
+            matrix=np.kron(np.tril(np.ones((moves, moves))), np.eye(m)).astype(np.float64),
             output_weight=np.array(tuning.output_weight),
             step_weight=np.array(tuning.step_weight),
             soft_rows=np.ascontiguousarray(soft.rows[..., :r]) if soft else none,
@@ -417,6 +417,12 @@ class CondensedHorizon:
         low = np.maximum(lower[:m], previous + lower[size : size + m])
         high = np.minimum(upper[:m], previous + upper[size : size + m])
         return np.maximum(np.minimum(inputs, high), low)
+
+    def planned(self, k: int, work: Work) -> FloatArray:
+        """Return `outputs` of tick `k` alone, of which `work` has response and steps, (Np, p)."""
+        states = work.free[1:] + work.response @ work.steps
+        outputs = self.stages.outputs[k + 1 : k + 1 + self.horizon]
+        return (outputs @ states[..., None])[..., 0]
 
     def outputs(self, ticks: Sequence[int] | NDArray[np.intp], plans: FloatArray) -> FloatArray:
         """Return C z_{k+1} ... C z_{k+Np} at T ticks under their plans, (T, Np, p).

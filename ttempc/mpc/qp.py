@@ -260,9 +260,11 @@ def minimise(
             active[c] = now
         if tried == 0:
             if holds:
-                active[:] = 0.0
+                for c in range(size):
+                    active[c] = 0.0
                 return 0
-            free[:] = x
+            for i in range(n):
+                free[i] = x[i]
             continue
         if holds:
             for i in range(n):
@@ -278,7 +280,8 @@ def minimise(
                 if not abs(rest) <= _STATIONARY * scale:
                     return UNSOLVED
             return tried
-    active[:] = 0.0
+    for c in range(size):
+        active[c] = 0.0
     return UNSOLVED
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
+import pickle
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -195,6 +197,67 @@ def test_the_order_of_arrival_does_not_matter(sensed, latest):
     np.testing.assert_array_equal(other.disturbance, one.disturbance)
 
 
+def same(one, other):
+    fields = "state", "covariance", "disturbance", "map_disturbance", "noise_factors"
+    for name in fields:
+        np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
+    assert other.innovations == one.innovations
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda e: pickle.loads(pickle.dumps(e))])
+def test_a_copy_goes_on_like_the_filter_itself_from_rows_as_from_measurements(sensed, copied):
+    one, third = ExtendedKalmanFilter(VEHICLE), ExtendedKalmanFilter(VEHICLE)
+    for k, (samples, command) in enumerate(sensed.received):
+        if k == 30:
+            other = copied(one)
+            third.restore(one.state)
+        estimate = one.update(k * PERIOD_S, samples, command)
+        if k >= 30:
+            same(estimate, other.update(k * PERIOD_S, sample_rows(samples), command))
+            same(estimate, third.update(k * PERIOD_S, samples, command))
+
+
+def test_the_epoch_of_the_clock_does_not_matter(sensed):
+    one, other, epoch = ExtendedKalmanFilter(VEHICLE), ExtendedKalmanFilter(VEHICLE), 1.7e9
+    for k, (samples, command) in enumerate(sensed.received):
+        later = [replace(m, time_s=m.time_s + epoch) for m in samples]
+        a = one.update(k * PERIOD_S, samples, command)
+        b = other.update(k * PERIOD_S + epoch, later, command)
+        np.testing.assert_allclose(b.state, a.state, atol=1e-5)
+
+
+@pytest.mark.parametrize("gap_s", [3.0, 3600.0, 1e9, -100.0])
+def test_after_a_gap_the_filter_starts_anew_with_what_it_has_learnt(sensed, gap_s):
+    """Position and heading are those of a new filter, factors and faded disturbances the old ones.
+
+    A gap of 30 years is as cheap as one of 3 s: integrated, it would take hours.
+    """
+    estimator, fresh = ExtendedKalmanFilter(VEHICLE), ExtendedKalmanFilter(VEHICLE)
+    for k, (samples, command) in enumerate(sensed.received):
+        before = estimator.update(k * PERIOD_S, samples, command)
+    now_s = before.time_s + gap_s
+    assert np.isnan(estimator.update(now_s, [], Command(0.0, 0.0, 0.5)).state).all()
+    readings = perfect_set(REFERENCE.at(20.0).state, now_s + PERIOD_S)
+    after = estimator.update(now_s + PERIOD_S, readings, Command(0.0, 0.0, 0.5))
+    new = fresh.update(now_s + PERIOD_S, readings, None)
+    np.testing.assert_array_equal(after.state[: State.V], new.state[: State.V])
+    np.testing.assert_array_equal(after.noise_factors, before.noise_factors)
+    travel = abs(before.state[State.V] / (1.0 - before.disturbance[-1]) * gap_s)
+    faded = before.map_disturbance * math.exp(-travel / ProcessNoise().map_fading_m)
+    np.testing.assert_allclose(after.map_disturbance, faded, rtol=1e-9, atol=1e-300)
+
+
+def test_updates_without_samples_are_no_gap_and_cost_no_more_the_longer_they_last(sensed):
+    """The filter predicts by the commands; only the last seconds are predicted anew each time."""
+    estimator = ExtendedKalmanFilter(VEHICLE)
+    for k, (samples, command) in enumerate(sensed.received):
+        estimator.update(k * PERIOD_S, samples, command)
+    stop = Command(0.0, 0.0, 0.0)
+    last = [estimator.update((k + i) * PERIOD_S, [], stop) for i in range(1, 101)][-1]
+    assert abs(last.state[State.V]) < 0.05  # hydrostat at 0 for 20 s
+    assert estimator.moments()["time_s"][-1] >= last.time_s - 2.6
+
+
 def held_at(commands, time_s):
     """Value (3,) of the command that is held at a time."""
     return next((value for end_s, value in commands if time_s <= end_s), commands[-1][1])
@@ -359,9 +422,7 @@ def test_warm_up_changes_no_later_estimate(received, estimator):
         if k == 20:
             warm.warm_up()
         one, other = (e.update(k * PERIOD_S, samples, command) for e in (cold, warm))
-        for name in ("state", "covariance", "disturbance", "map_disturbance"):
-            np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
-        assert other.innovations == one.innovations
+        same(one, other)
 
 
 def test_no_kernel_compiles_after_warm_up():

@@ -16,6 +16,7 @@ from ttempc.models.augmented_state import (
     estimate_of,
     vehicle_parameters,
 )
+from ttempc.models.rows import WIDTH
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Disturbance, MapDisturbance, State
@@ -49,7 +50,7 @@ def loop(controller, vehicle, augmented, first, ticks, waiting):
     sent = np.repeat(waiting, round(PERIOD_S / SUBSTEP_S), axis=0)  # of every substep
     augmented, valves = augmented.copy(), np.full(2, np.nan)
     valves[:] = [sent[-1 - delay, j] for j, delay in enumerate(delays[:2])]
-    transition, states, commands = np.empty((SIZE, SIZE)), [], []
+    transition, states, commands = np.empty((SIZE, WIDTH)), [], []
     for k in range(first, first + ticks):
         states.append(augmented.copy())
         estimate = estimate_of(augmented, np.zeros((SIZE, SIZE)), k * PERIOD_S, vehicle, ())
