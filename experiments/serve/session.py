@@ -135,6 +135,13 @@ class SilenceDetector:
         return Alarm(self.name, reason, Reaction.STOP)
 
 
+class PacedGuidance(Guidance):
+    """Guidance of a run on the clock: as on a vehicle, nothing waits for what is learnt."""
+
+    def wait(self) -> None:
+        """Nothing; `update` takes what was learnt when it is ready."""
+
+
 class Session:
     """Exchanges samples and commands with one peer, once a control period.
 
@@ -190,7 +197,8 @@ class Session:
         self._period_s = scenario.control.period_s
         silence = SilenceDetector(self.commands, self._settings.hold_s)
         safety = _FREE if self._protocol.space_based else None
-        guide = partial(Guidance, safety=safety, detect=(*detectors(), silence))  # pyright: ignore[reportArgumentType] - a detector by shape
+        kind = Guidance if self._settings.lockstep else PacedGuidance
+        guide = partial(kind, safety=safety, detect=(*detectors(), silence))  # pyright: ignore[reportArgumentType] - a detector by shape
         assembly = assemble(scenario, seed, factory, guide=guide)
         guidance = self._guidance = assembly.guidance
         guidance.warm_up()  # so that the peer is not kept waiting by the compiler

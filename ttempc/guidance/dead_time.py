@@ -3,17 +3,21 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from ..estimation.filter import SAME_TIME_S, steps_over
+from ..jit import cached_njit
+from ..layout import ESTIMATE, estimate_row, estimate_view
 from ..models.augmented_state import (
     SIZE,
     STATES,
-    augmented_of,
-    estimate_of,
+    AugmentedState,
+    VehicleParameter,
     move_augmented_state,
     vehicle_parameters,
+    write_estimate,
 )
 from ..reference.reference import Reference
 from ..types import (
@@ -29,7 +33,7 @@ from ..types import (
 )
 from ..vehicle import CommandLimits, Vehicle
 
-_MOST_SLIP = 0.9  # of the wheels, up to which an estimate is predicted
+_MOST_SLIP: Final = 0.9  # of the wheels, up to which an estimate is predicted
 
 
 def compensated(
@@ -95,10 +99,12 @@ class DeadTimeCompensation:
         self.hold_back: FloatArray = np.array(
             [_split(time_s, period_s) for time_s in np.maximum(early, 0.0).tolist()]
         )
-        self._late = [_split(time_s, period_s) for time_s in np.maximum(-early, 0.0).tolist()]
+        self._late = np.array(
+            [_split(time_s, period_s) for time_s in np.maximum(-early, 0.0).tolist()], dtype=float
+        )
         start = CommandLimits.of(vehicle, period_s).clamp(reference.at(0.0).inputs)
         # Commands as they act together, the newest first; before the start those of the reference.
-        count = self._whole + 3 + max(whole for whole, _ in self._late)
+        count = self._whole + 3 + int(self._late[:, 0].max())
         self.commands: FloatArray = np.tile(start, (count, 1))
         self._sent: FloatArray | None = None  # by the last step, until it is recorded
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
@@ -107,7 +113,7 @@ class DeadTimeCompensation:
         if isinstance(self.controller, WarmingUp):
             self.controller.warm_up()
         state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-        self.predicted(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0))
+        self.predicted(estimate_row(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0)))
 
     def prepare(self, k: int) -> None:
         if isinstance(self.controller, Preparing):
@@ -115,11 +121,14 @@ class DeadTimeCompensation:
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""
-        step = self.controller.step(self.predicted(estimate), k)
+        ahead = self.predicted(estimate_row(estimate))
+        step = self.controller.step(estimate_view(ahead, estimate.innovations), k)
         if isinstance(step, Command):
             step = ControlStep(step)
         self._begin(step.command.as_array())
-        self._sent = self._earlier(0, [(int(whole), part_s) for whole, part_s in self.hold_back])
+        whole, share = self.hold_back[:, 0].astype(int), self.hold_back[:, 1] / self._period_s
+        later, earlier = (self.commands[whole + i, range(3)] for i in range(2))
+        self._sent = later + share * (earlier - later)
         return replace(step, command=Command(*self._sent.tolist()))
 
     def record(self, sent: Command) -> None:
@@ -136,53 +145,87 @@ class DeadTimeCompensation:
         self.commands[1:] = self.commands[:-1].copy()
         self.commands[0] = command
 
-    def _earlier(self, i: int, by: Sequence[tuple[int, float]]) -> FloatArray:
-        """Return the `i`-th newest command, each input as it was earlier by whole periods + s."""
-        result = np.empty(len(by))
-        for j, (whole, part_s) in enumerate(by):
-            later, earlier = self.commands[i + whole][j], self.commands[i + whole + 1][j]
-            result[j] = later + part_s / self._period_s * (earlier - later)
+    def predicted(self, row: FloatArray) -> FloatArray:
+        """Return the record `ESTIMATE` for the time at which a command of now acts."""
+        result = row.copy()
+        predict_to(
+            self._lead_s,
+            self._period_s,
+            self._part_s,
+            self._whole,
+            self._late,
+            self.commands,
+            self._parameters,
+            result,
+        )
         return result
 
-    def predicted(self, estimate: Estimate) -> Estimate:
-        """Return the estimate for the time at which a command of now acts."""
-        vehicle = self._vehicle
-        disturbance = np.minimum(estimate.disturbance, _MOST_SLIP)
-        augmented = augmented_of(replace(estimate, disturbance=disturbance), vehicle)
+
+@cached_njit(error_model="numpy", nogil=True)
+def predict_to(
+    lead_s: float,
+    period_s: float,
+    part_s: float,
+    whole: int,
+    late: FloatArray,
+    commands: FloatArray,
+    parameters: FloatArray,
+    estimate: FloatArray,
+) -> None:
+    """Advance the record `ESTIMATE` by `lead_s`, but for its covariance.
+
+    The lead is `whole` periods and `part_s`. Inputs act `late` by whole periods and a rest [s],
+    (3, 2); `commands` (count, 3) are the newest first, `parameters` (10,) those of the model.
+    """
+    e = estimate.view(ESTIMATE)[0]
+    x, covariance, kept = np.zeros(SIZE), np.zeros((SIZE, SIZE)), e.covariance.copy()
+    for i in range(STATES):
+        x[i] = e.state[i]
+    slip_t, slip_i = min(e.disturbance[0], _MOST_SLIP), min(e.disturbance[1], _MOST_SLIP)
+    bias, drive = min(e.disturbance[2], _MOST_SLIP), min(e.disturbance[3], _MOST_SLIP)
+    wheel = min(e.disturbance[4], _MOST_SLIP)
+    v, cos, sin = x[6], math.cos(x[2]), math.sin(x[2])
+    rim = v / (1.0 - wheel)
+    gear = math.copysign(1.0, rim)
+    gx, gy = gear * e.map_disturbance[0], gear * e.map_disturbance[1]
+    cx, cy = gear * e.map_disturbance[2], gear * e.map_disturbance[3]
+    yaw_rate = v * math.tan(x[4] + bias) / parameters[VehicleParameter.WHEELBASE]
+    slip_rate = (cy * cos - cx * sin) * yaw_rate
+    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    x[AugmentedState.RIM], x[AugmentedState.STEERING] = rim, bias
+    x[AugmentedState.SLIP_T] = slip_t - (gy * cos - gx * sin)  # the part that turns along
+    x[AugmentedState.SLIP_I] = slip_i - (gy * math.cos(x[3]) - gx * math.sin(x[3]))
+    x[AugmentedState.DRIVE] = drive + rim * (wheel / tau + slip_rate)
+    x[AugmentedState.WHEEL] = wheel - (cx * cos + cy * sin)
+    for i in range(4):
+        x[AugmentedState.SIDE_X + i] = e.map_disturbance[i]
+    valves, acting = np.empty(2), np.empty(3)
+    lasting, faded = np.zeros(2 * (SIZE - STATES)), np.empty(SIZE - STATES)
+    middle, inputs = np.empty(SIZE), np.empty(3)
+    for n in range(whole + 1, -1, -1):
+        span_s = part_s if n == whole else period_s
+        for j in range(3):
+            at, share = n + int(late[j, 0]), late[j, 1] / period_s
+            acting[j] = commands[at, j] + share * (commands[at + 1, j] - commands[at, j])
         # A valve reaches its command within the period: commands keep to the same rate limit.
-        before, acting = (self._earlier(i, self._late)[:2] for i in (self._whole + 1, self._whole))
-        reach = vehicle.input_rate[:2] * (self._period_s - self._part_s)
-        valves = np.clip(acting, before - reach, before + reach)
-        lasting, faded = np.zeros(2 * (SIZE - STATES)), np.empty(SIZE - STATES)
-        middle, inputs = np.empty(SIZE), np.empty(3)
-        spans = [(self._whole, self._part_s)]
-        spans += [(i, self._period_s) for i in reversed(range(self._whole))]
-        for i, span_s in spans:
-            if span_s <= SAME_TIME_S:
-                continue
-            acting, steps = self._earlier(i, self._late), steps_over(span_s)
-            for _ in range(steps):
-                move_augmented_state(
-                    augmented,
-                    valves,
-                    acting,
-                    self._parameters,
-                    lasting,
-                    span_s / steps,
-                    middle,
-                    inputs,
-                    faded,
-                )
-        time_s = estimate.time_s + self._lead_s
-        predicted = estimate_of(augmented, np.zeros((SIZE, SIZE)), time_s, vehicle, ())
-        return replace(
-            estimate,
-            time_s=time_s,
-            state=predicted.state,
-            trailer_xy=predicted.trailer_xy,
-            hitch_angle=predicted.hitch_angle,
-            disturbance=predicted.disturbance,
-        )
+        for j in range(2):
+            reach = parameters[VehicleParameter.STEERING_RATE_T + j] * (period_s - part_s)
+            if n == whole + 1:
+                valves[j] = acting[j]
+            elif n == whole:
+                valves[j] = min(max(acting[j], valves[j] - reach), valves[j] + reach)
+        if n == whole + 1 or span_s <= SAME_TIME_S:
+            continue
+        steps = steps_over(span_s)
+        for _ in range(steps):
+            move_augmented_state(
+                x, valves, acting, parameters, lasting, span_s / steps, middle, inputs, faded
+            )
+    write_estimate(x, covariance, parameters, estimate)
+    e.time_s += lead_s
+    for i in range(STATES):
+        for j in range(STATES):
+            e.covariance[i, j] = kept[i, j]
 
 
 def _split(time_s: float, period_s: float) -> tuple[int, float]:

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
 
 from ..errors import ControllerFailed, GuidanceFailed
 from ..laws.tracking_controller import TrackingController, write_told
-from ..layout import ALARM, ESTIMATE, TICK, estimate_row, new_tick
+from ..layout import ALARM, ESTIMATE, TICK, estimate_row, estimate_view, new_tick
 from ..reference.path import Projection
 from ..reference.reference import Reference, ReferenceSample
 from ..types import (
@@ -234,7 +234,7 @@ class Supervisor:
         self._held = ""  # reason of the stop that is held
         self._told: Diagnostics | None = None  # by the controller at this tick
         self._sample = 0  # of the reference, of the controller at this tick
-        self._reasons: Callable[[int, FloatArray], str] = lambda row, numbers: ""
+        self._reasons: Callable[[int, FloatArray], str] = _Given(())
         self._alarms: FloatArray = np.zeros((0, ALARM))
 
     def _follow(self, controller: Controller, reference: Reference) -> None:
@@ -308,7 +308,7 @@ class Supervisor:
             k,
             time_s,
             rows,
-            lambda row, numbers: alarms[row].reason,
+            _Given(alarms),
             None if estimate is None else lambda: estimate,
         )
         return ControlStep(Command(*command.tolist()), self.diagnostics())
@@ -353,8 +353,8 @@ class Supervisor:
         """Let the controller write its actions, or a user's its command, into the record."""
         before, tick = self._guard[:3], self._tick
         if self._dead_times:
-            predicted = self._dead_times.predicted(view())
-            before, row, view = self._commands[0], estimate_row(predicted), lambda: predicted
+            before, ahead = self._commands[0], self._dead_times.predicted(row)
+            seen, row, view = view, ahead, lambda: estimate_view(ahead, seen().innovations)
         with user_part(ControllerFailed, f"the controller raised at tick {k}"):
             if self._law is not None:
                 self._told = self._law.act(row, view, k, before.copy(), tick)
@@ -429,6 +429,16 @@ class Supervisor:
             f"the controller's {cut}: cut" if cut else "",
         )
         return "; ".join(filter(None, notes))
+
+
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """Words of alarms that were given as such."""
+
+    alarms: Sequence[Alarm]
+
+    def __call__(self, row: int, numbers: FloatArray) -> str:
+        return self.alarms[row].reason
 
 
 _NO_ESTIMATE: Final[FloatArray] = np.full(ESTIMATE.itemsize // 8, math.nan)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import atexit
+from _thread import start_new_thread
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from threading import Event, Thread
+from multiprocessing import current_process
+from threading import Event
 from typing import Any, Final, Generic, Protocol, TypeVar
 from weakref import WeakSet
 
@@ -85,11 +87,11 @@ class Learnt(Generic[_Parts]):
     sent: tuple[Command, ...]  # recorded since the attempt began, oldest first
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, weakref_slot=True)
 class _Turn:
     """Work of a thread, to be begun anew where there is none: in a copy, in a child of a fork."""
 
-    thread: Thread | None = None
+    process: int | None = None  # of the thread
     done: Event = field(default_factory=Event)
     outcome: tuple[Identification, Any, list[Identifier]] | None = None
     error: BaseException | None = None
@@ -207,9 +209,8 @@ class Learner(Generic[_Parts]):
         return Learnt(result.changes, result.vehicle, parts, sent)
 
     def _work(self) -> _Turn:
-        """Return the present turn, after a begin anew where its thread has ended without it."""
-        thread = self._turn.thread
-        if (thread is None or not thread.is_alive()) and not self._turn.done.is_set():
+        """Return the present turn, after a begin anew where its thread is of another process."""
+        if self._turn.process != current_process().pid and not self._turn.done.is_set():
             self._begin()
         return self._turn
 
@@ -237,7 +238,7 @@ class Learner(Generic[_Parts]):
         self._start(turn)
 
     def _start(self, function: Any) -> None:  # noqa: ANN401 - a turn's function
-        turn = self._turn = _Turn()
+        turn = self._turn = _Turn(current_process().pid)
 
         def run() -> None:
             try:
@@ -247,14 +248,12 @@ class Learner(Generic[_Parts]):
             finally:
                 turn.done.set()
 
-        turn.thread = Thread(target=run, name="ttempc-learning", daemon=True)
+        _TURNS.add(turn)
         try:
-            turn.thread.start()
+            start_new_thread(run, ())  # `Thread.start` waits until the thread runs
         except RuntimeError as error:  # the system has no more of them
             turn.error = error
             turn.done.set()
-        else:
-            _THREADS.add(turn.thread)
 
 
 def _attempt(
@@ -274,15 +273,15 @@ def _attempt(
     return Identification(vehicle, tuple(changes)), parts, open_ones
 
 
-_THREADS: Final = WeakSet[Thread]()
+_TURNS: Final = WeakSet[_Turn]()
 
 
 def _leave() -> None:
-    # A daemon ends with the process, an identifier that never returns too; one that is at the end
-    # of its work shall not meet an interpreter that is being taken down.
-    for thread in [*_THREADS]:
-        thread.join(_EXIT_S)
-        if thread.is_alive():
+    # A thread ends with the process, also that of an identifier that never returns; one that is at
+    # the end of its work shall not meet an interpreter that is being taken down.
+    for turn in [*_TURNS]:
+        ours = turn.process == current_process().pid and not turn.done.is_set()
+        if ours and not turn.done.wait(_EXIT_S):
             break
 
 

@@ -135,32 +135,6 @@ def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
     return map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
 
 
-def augmented_of(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
-    """Return the augmented state (18,) of which `estimate_of` makes this estimate.
-
-    What an estimate does not have, the error of GNSS, is 0.
-    """
-    _, _, psi_t, _, delta_t, _, v = estimate.state.tolist()
-    slip_t, slip_i, bias, drive_v, wheel = estimate.disturbance.tolist()
-    rim = v / (1.0 - wheel)
-    augmented = np.zeros(SIZE)
-    augmented[:STATES] = estimate.state
-    augmented[AugmentedState.RIM] = rim
-    augmented[AugmentedState.SIDE_X : AugmentedState.GNSS_X] = estimate.map_disturbance
-    of_map = slips(augmented)  # the part of the map alone
-    _, _, climb_x, climb_y = estimate.map_disturbance.tolist()
-    turning = math.copysign(1.0, rim) * (climb_y * math.cos(psi_t) - climb_x * math.sin(psi_t))
-    slip_rate = turning * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
-    augmented[STATES : AugmentedState.SIDE_X] = (
-        slip_t - of_map.tractor,
-        slip_i - of_map.trailer,
-        bias,
-        drive_v + rim * (wheel / vehicle.speed_time_constant + slip_rate),
-        wheel - of_map.wheel,
-    )
-    return augmented
-
-
 def estimate_of(
     augmented: FloatArray,
     covariance: FloatArray,

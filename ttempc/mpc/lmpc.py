@@ -345,7 +345,7 @@ class CondensedHorizon:
             model=np.concatenate([a[:, :r], b[:, :r]], axis=2),
             outputs=np.ascontiguousarray(c[..., :r]),
             limits=np.stack([lower, upper], axis=1),
-            matrix=np.kron(np.tril(np.ones((moves, moves))), np.eye(m)),
+            matrix=np.kron(np.tril(np.ones((moves, moves))), np.eye(m)).astype(np.float64),
             output_weight=np.array(tuning.output_weight),
             step_weight=np.array(tuning.step_weight),
             soft_rows=np.ascontiguousarray(soft.rows[..., :r]) if soft else none,

@@ -15,7 +15,6 @@ from ttempc.guidance.detection import (
     Monitors,
     Observation,
     Reaction,
-    Reactions,
     _median,
     detectors,
 )
@@ -210,28 +209,6 @@ def test_a_sensor_that_repeats_itself_is_not_used_until_it_changes():
     changed = readings(22, [last + 1e-9])
     assert not monitors.observe(observation(22, changed))
     assert list(monitors.usable(changed)) == changed
-
-
-STOP = (Alarm("steering", "stuck", Reaction.STOP),)
-
-
-def test_a_stop_is_held_until_the_vehicle_stands_and_the_alarm_is_two_seconds_old():
-    reactions = Reactions()
-    assert reactions.decide((), 1.0, 0.0) == (Reaction.GO_ON, "")
-    assert reactions.decide(STOP, 1.0, 1.0) == (Reaction.STOP, "stuck")
-    assert reactions.decide((), 1.0, 5.0)[0] is Reaction.STOP  # still rolls
-    reactions.decide(STOP, 0.0, 6.0)
-    assert reactions.decide((), 0.0, 7.9)[0] is Reaction.STOP
-    assert reactions.decide((), 0.0, 8.0)[0] is Reaction.GO_ON
-
-
-def test_the_second_stop_within_a_minute_is_for_good_a_later_one_is_not():
-    for pause_s, restarts in ((10.0, False), (70.0, True)):
-        reactions = Reactions()
-        reactions.decide(STOP, 1.0, 0.0)
-        assert reactions.decide((), 0.0, 2.0)[0] is Reaction.GO_ON
-        reactions.decide(STOP, 1.0, pause_s)
-        assert (reactions.decide((), 0.0, pause_s + 60.0)[0] is Reaction.GO_ON) == restarts
 
 
 def valve(commands, time_s, lag=VEHICLE.steering_lag_t):

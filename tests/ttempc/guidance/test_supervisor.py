@@ -157,6 +157,38 @@ def test_an_alarm_stops_the_vehicle_and_the_reference_waits_for_it():
     assert not supervisor.waits
 
 
+def stopping():
+    """Return whether a fresh supervisor stops a vehicle at a speed and a time, under alarms."""
+    supervisor = supervised()
+
+    def stops(alarms, speed, time_s):
+        estimate = on_reference(20)
+        state = estimate.state * [1, 1, 1, 1, 1, 1, speed]
+        step = supervisor.step(replace(estimate, state=state, time_s=time_s), 20, time_s, alarms)
+        return step.diagnostics.stopping
+
+    return stops
+
+
+def test_a_stop_is_held_until_the_vehicle_stands_and_the_alarm_is_two_seconds_old():
+    stops = stopping()
+    assert not stops((), 1.0, 0.0)
+    assert stops((ALARM,), 1.0, 1.0)
+    assert stops((), 1.0, 5.0)  # still rolls
+    stops((ALARM,), 0.0, 6.0)
+    assert stops((), 0.0, 7.9)
+    assert not stops((), 0.0, 8.0)
+
+
+def test_the_second_stop_within_a_minute_is_for_good_a_later_one_is_not():
+    for pause_s, restarts in ((10.0, False), (70.0, True)):
+        stops = stopping()
+        stops((ALARM,), 1.0, 0.0)
+        assert not stops((), 0.0, 2.0)
+        stops((ALARM,), 1.0, pause_s)
+        assert (not stops((), 0.0, pause_s + 60.0)) == restarts
+
+
 def test_a_vehicle_that_makes_no_way_stops_and_steers_on_where_it_may():
     """A stop on the path leaves the steering to the controller, another one holds it."""
     for way, steers in ((Reaction.STOP_ON_PATH, True), (Reaction.STOP, False)):
