@@ -1,4 +1,4 @@
-"""Product of a matrix and a vector, summed in index order."""
+"""Linear models: discretisation, regulator."""
 
 import math
 
@@ -8,16 +8,6 @@ from scipy.linalg.lapack import dposv  # pyright: ignore[reportAttributeAccessIs
 
 from ..errors import InvalidTuning
 from ..types import FloatArray
-
-
-def ordered_product(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return `matrix` (m, n) times `vector` (n,), (m,).
-
-    Each entry is summed from the first column to the last: `cumsum` is sequential. The order in
-    which `matrix @ vector` sums, and with it the last digit, depends on the BLAS build.
-    """
-    return np.cumsum(matrix * vector, axis=-1)[..., -1]
-
 
 _TAYLOR_TERMS = 15
 _BLOCK = 64  # matrices at a time: a long reference needs little memory beside the result
