@@ -47,7 +47,8 @@ class ControlSettings:
     """Whether the command of a step that took longer than its period acts as much later; such a
     run is not reproducible."""
     step_limit_s: Annotated[float, Field(ge=1.0, le=3600.0)] = STEP_LIMIT_S
-    """Wall-clock time after which a step that does not return ends the run as invalid."""
+    """Processor time after which a step that does not return ends the run as invalid; one that
+    sleeps ends it after ten times as long."""
 
     @property
     def period_s(self) -> float:
