@@ -17,8 +17,8 @@ from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 from numba.core.types import ExternalFunction
-from numba.extending import _Intrinsic
 
 _LOG: Final = logging.getLogger("ttempc")
 
@@ -50,7 +50,8 @@ def cached_njit(
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:
-        kernel: Any = numba.njit(**({"no_cfunc_wrapper": True} | options))(function)
+        every: Any = {"no_cfunc_wrapper": True} | options
+        kernel: Any = numba.njit(**every)(function)
         if kernel is not function:  # it is under NUMBA_DISABLE_JIT
             try:
                 # as numba's Dispatcher.enable_caching

@@ -12,45 +12,15 @@ import pandas
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from ttempc.types import FloatArray
-
 from ...testbed.atomic_write import partial_path
 from ...testbed.errors import LogError
 from ...testbed.log.reader import Content, decoding, record_of
 from ...testbed.log.scene import lines_of, motion_of
 from ...testbed.messages.encoding import MAP_FRAME
-from ...testbed.recording.channels import (
-    CHANNELS,
-    CONTROL,
-    DRIVEN_TOPIC,
-    DRIVEN_TRAILER_TOPIC,
-    ERROR,
-    EVENT_TOPIC,
-    PREDICTED_PATH_TOPIC,
-    PREDICTED_TRAILER_PATH_TOPIC,
-    REFERENCE_PATH_TOPIC,
-    SCENE_TOPIC,
-    SOLVER,
-    STATE,
-    TIMING,
-    TRACKING,
-    TRANSFORMS_TOPIC,
-    TYRES,
-    Channel,
-)
+from ...testbed.recording import channels as ch
 from ...testbed.recording.record import Record
 from ...testbed.truth import WHEELS
-from ..colours import (
-    BLUE,
-    BODY_COLOURS,
-    BOUND,
-    ORANGE,
-    PREDICTED,
-    RED,
-    REFERENCE,
-    SERIES_COLOURS,
-    SKY,
-)
+from .. import colours
 from ..errors import BadOptions, MissingExtra, OutputExists
 from ..output import refuse_existing
 
@@ -68,45 +38,47 @@ _PATH_RADIUS_M: Final = 0.03
 _EYE_M: Final = (-7.0, 4.0, 4.0)  # of the camera from the tractor point, which it follows
 _LEVELS: Final = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 PATH_COLOURS: Final = {
-    REFERENCE_PATH_TOPIC: REFERENCE,
-    DRIVEN_TOPIC: BODY_COLOURS["tractor"],
-    DRIVEN_TRAILER_TOPIC: BODY_COLOURS["trailer"],
-    PREDICTED_PATH_TOPIC: PREDICTED,
-    PREDICTED_TRAILER_PATH_TOPIC: PREDICTED,
+    ch.REFERENCE_PATH_TOPIC: colours.REFERENCE,
+    ch.DRIVEN_TOPIC: colours.BODY_COLOURS["tractor"],
+    ch.DRIVEN_TRAILER_TOPIC: colours.BODY_COLOURS["trailer"],
+    ch.PREDICTED_PATH_TOPIC: colours.PREDICTED,
+    ch.PREDICTED_TRAILER_PATH_TOPIC: colours.PREDICTED,
 }
 """Colours of the paths on the ground by topic."""
 
 
 def _in_turn(*fields: str) -> dict[str, str]:
-    return dict(zip(fields, SERIES_COLOURS, strict=False))
+    return dict(zip(fields, colours.SERIES_COLOURS, strict=False))
 
 
 def _points(form: str) -> dict[str, str]:
-    return {form.format(body): BODY_COLOURS[body] for body in ("tractor", "trailer")}
+    return {form.format(body): colours.BODY_COLOURS[body] for body in ("tractor", "trailer")}
 
 
 def _input(field: str) -> dict[str, str]:
-    parts = ("feedforward", "feedback", "robust", "command", "min", "max")
-    colours = (SKY, RED, BLUE, ORANGE, BOUND, BOUND)
-    return {f"{field}_{part}": colour for part, colour in zip(parts, colours, strict=True)}
+    series = {
+        **{"feedforward": colours.SKY, "feedback": colours.RED, "robust": colours.BLUE},
+        **{"command": colours.ORANGE, "min": colours.BOUND, "max": colours.BOUND},
+    }
+    return {f"{field}_{part}": colour for part, colour in series.items()}
 
 
-PANELS: Final[dict[str, tuple[str, Channel, dict[str, str]]]] = {
-    "cross": ("True cross-track error [m]", ERROR, _points("{}_cross_m")),
-    "error": ("True distance to the reference [m]", ERROR, _points("{}_euclidean_m")),
-    "front": ("Front steering [rad]", CONTROL, _input("delta_t_rad")),
-    "trailer": ("Trailer steering [rad]", CONTROL, _input("delta_i_rad")),
-    "hydrostat": ("Hydrostat [fraction]", CONTROL, _input("hp")),
-    "slip": ("Slip", TYRES, _in_turn(*(f"{wheel}_slip" for wheel in WHEELS))),
+PANELS: Final[dict[str, tuple[str, ch.Channel, dict[str, str]]]] = {
+    "cross": ("True cross-track error [m]", ch.ERROR, _points("{}_cross_m")),
+    "error": ("True distance to the reference [m]", ch.ERROR, _points("{}_euclidean_m")),
+    "front": ("Front steering [rad]", ch.CONTROL, _input("delta_t_rad")),
+    "trailer": ("Trailer steering [rad]", ch.CONTROL, _input("delta_i_rad")),
+    "hydrostat": ("Hydrostat [fraction]", ch.CONTROL, _input("hp")),
+    "slip": ("Slip", ch.TYRES, _in_turn(*(f"{wheel}_slip" for wheel in WHEELS))),
     "estimated": (
         "Estimated error [m]",
-        TRACKING,
+        ch.TRACKING,
         _in_turn("x_t_e_m", "y_t_e_m", "x_i_e_m", "y_i_e_m"),
     ),
-    "load": ("Load [N]", TYRES, _in_turn(*(f"{wheel}_load_n" for wheel in WHEELS))),
-    "speed": ("Speed [m/s]", STATE, _in_turn("v_mps", "v_rim_mps")),
-    "solver": ("QP", SOLVER, _in_turn("iterations", "accepted", "fallback")),
-    "cost": ("Cost [us]", TIMING, _in_turn(*TIMING.fields)),
+    "load": ("Load [N]", ch.TYRES, _in_turn(*(f"{wheel}_load_n" for wheel in WHEELS))),
+    "speed": ("Speed [m/s]", ch.STATE, _in_turn("v_mps", "v_rim_mps")),
+    "solver": ("QP", ch.SOLVER, _in_turn("iterations", "accepted", "fallback")),
+    "cost": ("Cost [us]", ch.TIMING, _in_turn(*ch.TIMING.fields)),
 }
 """Plots over time: title, channel, and colours of its fields; in the order of importance."""
 _SHOWN: Final = 6  # plots at first sight
@@ -156,18 +128,18 @@ def export_log(content: Content, place: Path, form: Format) -> list[Path]:
 
 def frames_of(content: Content) -> dict[str, pandas.DataFrame]:
     """Return a data frame for each topic, with `time_s` as its index and units in the names."""
-    record = record_of(content, (*CHANNELS, ERROR))
+    record = record_of(content, (*ch.CHANNELS, ch.ERROR))
     frames = {topic: table.to_pandas() for topic, table in record.tables.items()}
     rows = [(event.time_s, event.level, event.text) for event in record.events]
     names = ["time_s", "level", "text"]
-    frames[EVENT_TOPIC] = pandas.DataFrame(rows, columns=names).set_index("time_s")
-    if content.messages.get(TRANSFORMS_TOPIC):
+    frames[ch.EVENT_TOPIC] = pandas.DataFrame(rows, columns=names).set_index("time_s")
+    if content.messages.get(ch.TRANSFORMS_TOPIC):
         motion = motion_of(content)
         poses = np.concatenate([motion.xyz, motion.quat], axis=2)  # (n, bodies, 7)
         names = [f"{body}_{name}" for body in motion.body_names for name in _POSE]
         index = pandas.Index(motion.time_s, name="time_s")
         values = poses.reshape(len(poses), -1)
-        frames[TRANSFORMS_TOPIC] = pandas.DataFrame(values, index, names)
+        frames[ch.TRANSFORMS_TOPIC] = pandas.DataFrame(values, index, names)
     return frames
 
 
@@ -182,7 +154,7 @@ def _export_rerun(content: Content, file: Path) -> None:
     import rerun as rr
 
     partial = partial_path(file)
-    record = record_of(content, (*CHANNELS, ERROR))
+    record = record_of(content, (*ch.CHANNELS, ch.ERROR))
     run = [record.metadata.get(key, "") for key in ("scenario", "controller", "seed")]
     recording = rr.RecordingStream("ttempc", recording_id="-".join(run), send_properties=False)
     try:
@@ -204,10 +176,10 @@ def _send_scene(recording: rerun.RecordingStream, content: Content) -> None:
     """Send ground and vehicle, and the motion of its bodies."""
     import rerun as rr
 
-    messages = content.messages.get(SCENE_TOPIC)
+    messages = content.messages.get(ch.SCENE_TOPIC)
     if not messages:
-        raise LogError(f"{content.path}: holds nothing on {SCENE_TOPIC}")
-    with decoding(content.path, SCENE_TOPIC):
+        raise LogError(f"{content.path}: holds nothing on {ch.SCENE_TOPIC}")
+    with decoding(content.path, ch.SCENE_TOPIC):
         entities = SceneUpdate.FromString(messages[0].data).entities
     recording.log(_WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for entity in entities:
@@ -228,39 +200,31 @@ def _send_shapes(recording: rerun.RecordingStream, path: str, entity: SceneEntit
     import rerun as rr
 
     for number, mesh in enumerate(entity.triangles):
-        colours = [_colour(each) for each in mesh.colors] or None
+        painted = [_colour(each) for each in mesh.colors] or None
         recording.log(
             f"{path}/mesh{number}",
             rr.Mesh3D(
                 vertex_positions=[(point.x, point.y, point.z) for point in mesh.points],
                 triangle_indices=np.array(mesh.indices, np.uint32).reshape(-1, 3),
-                vertex_colors=colours,
-                albedo_factor=None if colours else _colour(mesh.color),
+                vertex_colors=painted,
+                albedo_factor=None if painted else _colour(mesh.color),
             ),
             static=True,
         )
-    for name, shapes, make in (
-        ("boxes", entity.cubes, lambda sizes, **more: rr.Boxes3D(sizes=sizes, **more)),
+    for name, shapes, make, keys in (
+        ("boxes", entity.cubes, rr.Boxes3D, lambda size: {"sizes": size}),
+        ("balls", entity.spheres, rr.Ellipsoids3D, lambda size: {"half_sizes": 0.5 * size}),
         (
-            "balls",
-            entity.spheres,
-            lambda sizes, **more: rr.Ellipsoids3D(half_sizes=0.5 * sizes, **more),
-        ),
-        (
-            "rods",
-            entity.cylinders,
-            lambda sizes, **more: rr.Cylinders3D(
-                lengths=sizes[:, 2], radii=0.5 * sizes[:, 0], **more
-            ),
+            *("rods", entity.cylinders, rr.Cylinders3D),
+            lambda size: {"lengths": size[:, 2], "radii": 0.5 * size[:, 0]},
         ),
     ):
         if shapes:
-            placed = make(_sizes(shapes), fill_mode=rr.components.FillMode.Solid, **_placed(shapes))
-            recording.log(f"{path}/{name}", placed, static=True)
-
-
-def _sizes(shapes: Any) -> FloatArray:  # noqa: ANN401 - protobuf has no types
-    return np.array([(each.size.x, each.size.y, each.size.z) for each in shapes])
+            size = np.array([(each.size.x, each.size.y, each.size.z) for each in shapes])
+            solid: Any = {"fill_mode": rr.components.FillMode.Solid}
+            recording.log(
+                f"{path}/{name}", make(**keys(size), **solid, **_placed(shapes)), static=True
+            )
 
 
 def _placed(shapes: Any) -> dict[str, Any]:  # noqa: ANN401 - protobuf has no types
@@ -293,7 +257,7 @@ def _send_paths(recording: rerun.RecordingStream, content: Content) -> None:
         for line in lines_of(content, topic):
             strip = rr.LineStrips3D([line.points], colors=[_packed(colour)], radii=_PATH_RADIUS_M)
             recording.set_time(TIMELINE, duration=line.time_s)
-            recording.log(f"{_WORLD}{topic}", strip, static=topic == REFERENCE_PATH_TOPIC)
+            recording.log(f"{_WORLD}{topic}", strip, static=topic == ch.REFERENCE_PATH_TOPIC)
 
 
 def _send_plots(recording: rerun.RecordingStream, record: Record) -> None:

@@ -23,13 +23,13 @@ class Kept(Generic[Part]):
     """At most so many parts by what they were made from; the least recently used are dropped."""
 
     def __init__(self, most: int) -> None:
-        self._most, self._parts = most, dict[Hashable, Part]()
+        self.most, self._parts = most, dict[Hashable, Part]()
 
     def get(self, key: Hashable, make: Callable[[], Part]) -> Part:
         """Return the part of this key, from `make` where it is not kept."""
         part = self._parts.pop(key) if key in self._parts else make()
         self._parts[key] = part  # the last of the dictionary is the latest
-        if len(self._parts) > self._most:
+        if len(self._parts) > self.most:
             del self._parts[next(iter(self._parts))]
         return part
 
@@ -83,8 +83,9 @@ class SharedParts:
         make = partial(
             make_controller, settings.name, vehicle, reference, period_s, design, settings.options
         )
-        if vehicle != given.without_dead_times() or reference.lead_s != lead_s(given):
-            return make()
+        learnt = vehicle != given.without_dead_times() or reference.lead_s != lead_s(given)
+        if learnt or not self.controllers.most:
+            return make()  # of a long run a copy would take 100 MB more
         # The reference follows from path and vehicle; of the settings, options have no hash.
         key = scenario.path, reference.corridor, given, period_s, repr(settings)
         return self.controllers.get(key, make).fresh()

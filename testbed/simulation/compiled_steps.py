@@ -247,7 +247,9 @@ def soil_steps(
             time += timestep
         write_moment(*moment, time, rows[stop], poses[stop], tools[stop])
     flags[0], clock[0] = given, timer
-    looked[:-1], looked[-1] = qpos, free
+    looked[-1] = free
+    for i in range(qpos.size):  # a slice would compile numba's texts of errors
+        looked[i] = qpos[i]
 
 
 def compiled_steps(

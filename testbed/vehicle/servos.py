@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import scipy
 
 from ttempc.types import FloatArray
 
@@ -118,7 +117,11 @@ def equilibrium_slip(
     largest = max(np.linspace(0.0, 0.9, 91), key=surplus)  # resistance grows with slip, too
     if surplus(largest) <= 0.0:
         raise InvalidPlant(f"the vehicle cannot move itself on soil of {cone_index:g} kPa")
-    return float(scipy.optimize.brentq(surplus, 0.0, largest))  # pyright: ignore[reportArgumentType]
+    low, high = 0.0, float(largest)
+    for _ in range(50):  # bisection: scipy.optimize would take 16 MB of every worker
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if surplus(middle) < 0.0 else (low, middle)
+    return high
 
 
 def wheel_loads(vehicle: PlantVehicle) -> FloatArray:

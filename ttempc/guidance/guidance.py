@@ -279,7 +279,7 @@ class Guidance:
             GuidanceFailed: the estimator or the controller raised.
         """
         with user_part(GuidanceFailed, "warm_up raised"):
-            for part in (self._estimator, self._controller, self._monitors):
+            for part in (self._estimator, self._controller, self._supervisor, self._monitors):
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 

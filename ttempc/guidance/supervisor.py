@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -222,7 +222,8 @@ class Supervisor:
     ) -> None:
         self._period_s, self._safety = period_s, safety or SafetyLimits()
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
-        self._guard, self._tick = np.zeros(GUARD.itemsize // 8), new_tick()
+        self._guard = np.zeros(GUARD.itemsize // 8)
+        self.tick = new_tick()  # record `TICK` of the last step
         self._follow(controller, reference)
         if self.space_based:
             self._projection = Projection(self._course.state[:, :2])
@@ -234,7 +235,7 @@ class Supervisor:
         self._held = ""  # reason of the stop that is held
         self._told: Diagnostics | None = None  # by the controller at this tick
         self._sample = 0  # of the reference, of the controller at this tick
-        self._reasons: Callable[[int, FloatArray], str] = lambda row, numbers: ""
+        self._reasons: Callable[[int, FloatArray], str] = _Given(())
         self._alarms: FloatArray = np.zeros((0, ALARM))
 
     def _follow(self, controller: Controller, reference: Reference) -> None:
@@ -271,19 +272,21 @@ class Supervisor:
         self._guard.view(GUARD)[0]["error"] = math.nan  # to the other reference
 
     def prepare(self, k: int) -> None:
-        """Let the controller prepare tick `k`, where it can."""
+        """Let the controller prepare tick `k`, where it can, and fill the caches."""
         if self._preparing:
             self._preparing.prepare(k)
+        self.warm_up()
+
+    def warm_up(self) -> None:
+        """Decide and finish a tick on copies; changes no later result."""
+        guard, tick, row = self._guard.copy(), new_tick(), np.zeros(len(_NO_ESTIMATE))
+        decide(0, 0.0, True, row, np.zeros((1, ALARM)), self._course, guard, tick)
+        finish(True, self._course, self._commands.copy(), guard, tick)
 
     @property
     def waits(self) -> bool:
         """Whether the reference stays at the tick of the last step."""
         return bool(self.tick.view(TICK)[0]["waits"])
-
-    @property
-    def tick(self) -> FloatArray:
-        """Record `TICK` of the last step."""
-        return self._tick
 
     def step(
         self, estimate: Estimate | None, k: int, time_s: float, alarms: Sequence[Alarm] = ()
@@ -308,7 +311,7 @@ class Supervisor:
             k,
             time_s,
             rows,
-            lambda row, numbers: alarms[row].reason,
+            _Given(alarms),
             None if estimate is None else lambda: estimate,
         )
         return ControlStep(Command(*command.tolist()), self.diagnostics())
@@ -331,7 +334,7 @@ class Supervisor:
             reasons: returns the words of an alarm from its row and its three numbers.
             view: returns the estimate, for a controller that is not compiled.
         """
-        course, guard, tick = self._course, self._guard, self._tick
+        course, guard, tick = self._course, self._guard, self.tick
         fresh, estimate = row is not None, _NO_ESTIMATE if row is None else row
         sample = min(k, len(course.hp) - 1)
         if self.space_based and np.isfinite(estimate[1:3]).all():
@@ -351,7 +354,7 @@ class Supervisor:
 
     def _ask(self, row: FloatArray, view: Callable[[], Estimate], k: int) -> None:
         """Let the controller write its actions, or a user's its command, into the record."""
-        before, tick = self._guard[:3], self._tick
+        before, tick = self._guard[:3], self.tick
         if self._dead_times:
             before, ahead = self._commands[0], self._dead_times.predicted(row)
             seen, row, view = view, ahead, lambda: estimate_view(ahead, seen().innovations)
@@ -368,11 +371,11 @@ class Supervisor:
 
     def diagnostics(self) -> Diagnostics:
         """Return the view of the record of the last step."""
-        t = self._tick.view(TICK)[0]
+        t = self.tick.view(TICK)[0]
         told = self._told
         if told is None:
             asked = self._law is not None and t["mode"] in (DRIVE, ON_PATH)
-            told = self._law.view(self._sample, self._tick) if self._law and asked else _NOTHING
+            told = self._law.view(self._sample, self.tick) if self._law and asked else _NOTHING
         control, error = t["control"], t["tracking"][:7]
         return replace(
             told,
@@ -386,7 +389,7 @@ class Supervisor:
         )
 
     def _words(self, told: str) -> str:
-        t, safety = self._tick.view(TICK)[0], self._safety
+        t, safety = self.tick.view(TICK)[0], self._safety
         mode, reason, said = int(t["mode"]), int(t["reason"]), ""
         alarms = [self._reasons(i, row[1:]) for i, row in enumerate(self._alarms) if row[0] >= 0.0]
         limits = {
@@ -429,6 +432,16 @@ class Supervisor:
             f"the controller's {cut}: cut" if cut else "",
         )
         return "; ".join(filter(None, notes))
+
+
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """Words of alarms that were given as such."""
+
+    alarms: Sequence[Alarm]
+
+    def __call__(self, row: int, numbers: FloatArray) -> str:
+        return self.alarms[row].reason
 
 
 _NO_ESTIMATE: Final[FloatArray] = np.full(ESTIMATE.itemsize // 8, math.nan)

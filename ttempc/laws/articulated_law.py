@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ..jit import cached_njit
-from ..layout import ESTIMATE, TICK, estimate_row, new_tick
+from ..layout import ESTIMATE, TICK, new_tick
 from ..mpc.articulated_error import PredictedPath
 from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State, TubeReport
@@ -417,11 +417,6 @@ class ArticulatedLaw(FeedbackLaw):
         """Return the paths of T ticks under their plans, (T, Np, 4), see `Diagnostics`."""
         at = np.asarray(ticks, dtype=int)
         return self.path.less(at, self.horizon.outputs(at, plans))
-
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        tick = new_tick()
-        self.act(k, estimate_row(estimate), lambda: estimate, sent, tick)
-        return self.diagnostics(k, tick)
 
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""

@@ -1,22 +1,13 @@
-"""Product of a matrix and a vector, summed in index order."""
+"""Linear models: discretisation, regulator."""
 
 import math
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
+from scipy.linalg.lapack import dposv  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..errors import InvalidTuning
 from ..types import FloatArray
-
-
-def ordered_product(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return `matrix` (m, n) times `vector` (n,), (m,).
-
-    Each entry is summed from the first column to the last: `cumsum` is sequential. The order in
-    which `matrix @ vector` sums, and with it the last digit, depends on the BLAS build.
-    """
-    return np.cumsum(matrix * vector, axis=-1)[..., -1]
-
 
 _TAYLOR_TERMS = 15
 _BLOCK = 64  # matrices at a time: a long reference needs little memory beside the result
@@ -92,10 +83,14 @@ def riccati_gains(
             value = solve_discrete_are(a[-1], b[-1], state_cost[-1], weight)
         except np.linalg.LinAlgError as error:
             raise InvalidTuning(f"no regulator stabilises the last stage: {error}") from None
-    gains = np.empty((len(b), b.shape[2], b.shape[1]))
+    n, both = a.shape[2], np.concatenate([a[: len(b)], b], axis=2)
+    gains = np.empty((len(b), b.shape[2], n))
     for k in reversed(range(len(b))):
-        by_input = b[k].T @ value
-        gains[k] = np.linalg.solve(weight + by_input @ b[k], by_input @ a[k])
-        value = state_cost[k] + a[k].T @ value @ (a[k] - b[k] @ gains[k])
+        # [A B]'P[A B] has all products; numpy's own `solve` would take half of the time.
+        products = both[k].T @ (value @ both[k])
+        _, gains[k], failed = dposv(weight + products[n:, n:], products[n:, :n])
+        if failed:
+            raise InvalidTuning(f"no regulator: R + B'PB is not positive at stage {k}")
+        value = state_cost[k] + products[:n, :n] - products[:n, n:] @ gains[k]
         value = 0.5 * (value + value.T)
     return gains

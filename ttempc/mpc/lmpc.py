@@ -410,14 +410,6 @@ class CondensedHorizon:
             outputs=rows.shape[1],
         )
 
-    def admissible(self, k: int, inputs: FloatArray, previous: FloatArray) -> FloatArray:
-        """Return the first input of tick `k` nearest to `inputs` (m,) within bounds and a step."""
-        m, size = len(inputs), len(self.stages.matrix)
-        lower, upper = self.stages.limits[k]
-        low = np.maximum(lower[:m], previous + lower[size : size + m])
-        high = np.minimum(upper[:m], previous + upper[size : size + m])
-        return np.maximum(np.minimum(inputs, high), low)
-
     def planned(self, k: int, work: Work) -> FloatArray:
         """Return `outputs` of tick `k` alone, of which `work` has response and steps, (Np, p)."""
         states = work.free[1:] + work.response @ work.steps

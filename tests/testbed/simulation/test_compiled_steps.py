@@ -3,10 +3,11 @@
 import mujoco
 import numpy as np
 import pytest
+from proving_ground.testbed.actuation.actuators import ActuatorSpecification, SteeringValve
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.implement.implement import Implement
-from proving_ground.testbed.simulation.compiled_steps import MOTION_M, clearance
+from proving_ground.testbed.simulation.compiled_steps import MOTION_M, clearance, disable_flags
 from proving_ground.testbed.simulation.plant import Plant
 
 from tests.testbed.plants import SMALL, state_hash
@@ -34,12 +35,26 @@ def pair(ground, **options):
 
 
 @pytest.mark.parametrize("implement", [None, Implement(width_m=0.6)])
-def test_steps_have_the_bits_of_steps_in_python(implement):
-    compiled, plain = pair(rough_slope(1), implement=implement)
-    for plant in (compiled, plain):
-        plant.advance(Command(0.2, -0.1, 0.8), 400)
-    assert state_hash(compiled) == state_hash(plain)
-    np.testing.assert_array_equal(compiled.wheels.output, plain.wheels.output)
+def test_a_period_in_one_call_has_the_moments_of_its_parts_also_in_python(implement):
+    valve = SteeringValve(dead_time_s=0.03, dead_band_deg=0.3, backlash_deg=0.5)
+    specification = ActuatorSpecification(front=valve, trailer=valve)
+    plants = pair(rough_slope(1), implement=implement, actuators=specification)
+    start, command = plants[0].snapshot(), Command(0.2, -0.1, 0.8)
+    whole = plants[0].drive(command, 5, 80)
+    plants[0].restore(start)
+    for plant in plants:
+        parts = [plant.drive(command, 1, 80) for _ in range(5)]
+        for name, array in whole._asdict().items():
+            found = np.concatenate([getattr(part, name) for part in parts])
+            np.testing.assert_array_equal(found, array)
+    assert state_hash(plants[0]) == state_hash(plants[1])
+
+
+def test_the_view_of_the_flags_is_that_of_the_model():
+    model = pair(rough_slope(4))[0].model
+    given = model.opt.disableflags
+    disable_flags(model)[0] = given | 16
+    assert model.opt.disableflags == given | 16
 
 
 def test_a_vehicle_that_falls_over_touches_the_ground_as_in_python():

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from ttempc.errors import InvalidTuning
-from ttempc.models.linear import ordered_product, riccati_gains, zero_order_hold
+from ttempc.models.linear import riccati_gains, zero_order_hold
 
 PERIOD_S = 0.2
 
@@ -61,9 +61,3 @@ def test_gains_of_a_finite_horizon_minimise_its_cost():
         gradient = gradient + by_inputs.T @ cost[k + 1] @ state @ start
     minimiser = -np.linalg.solve(hessian, gradient)
     np.testing.assert_allclose(np.concatenate(inputs), minimiser, rtol=1e-6, atol=1e-9)
-
-
-def test_it_sums_from_the_first_column_to_the_last():
-    """In any other order the small terms survive, or the large ones do not cancel."""
-    matrix = np.array([[1e16, 1.0, -1e16, 1.0], [1e16, -1e16, 1.0, 1.0]])
-    np.testing.assert_array_equal(ordered_product(matrix, np.ones(4)), [1.0, 2.0])

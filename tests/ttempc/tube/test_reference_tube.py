@@ -131,7 +131,10 @@ def test_every_qp_after_a_feasible_one_is_feasible_whatever_the_disturbances():
         assert solution.report.accepted
         u = u + solution.x[:3]
         at_bound += np.isclose(u, TUBE.bounds.upper[k, :3], atol=1e-6).any()
-        u = horizon.admissible(k, u + generator.normal(size=3), u - solution.x[:3])
+        lower, upper, step_lower, step_upper = (values[k, :3] for values in TUBE.bounds)
+        before, moved = u - solution.x[:3], u + generator.normal(size=3)
+        u = np.minimum(np.minimum(moved, upper), before + step_upper)
+        u = np.maximum(np.maximum(u, lower), before + step_lower)
     assert at_bound > 30  # the bounds count
 
 
