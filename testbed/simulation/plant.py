@@ -171,8 +171,8 @@ class Plant:
         Raises:
             PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
         """
-        before, moments, stepped = self.data.time, self._reader.moments(stops), self._steps
-        actuators = self.actuators
+        before, moments = self.data.time, self._reader.moments(stops)
+        actuators, stepped = self.actuators, self._steps
         if stepped and isinstance(actuators, Actuators):
             valves = actuators.axes[:0] if actuators.passive else actuators.axes
             stepped(valves, self._valves, command.as_array(), before, stride, *moments)

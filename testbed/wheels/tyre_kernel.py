@@ -153,11 +153,8 @@ def wheel_step(
                 rv = (sine * fy - cosine * uy) * per_metre
                 rz = sine * fz - cosine * uz
                 for c in range(3):
-                    du, dv, dz = (
-                        ru + _COLUMNS[c] * bu,
-                        rv + _COLUMNS[c] * bv,
-                        rz + _COLUMNS[c] * bz,
-                    )
+                    du, dv = ru + _COLUMNS[c] * bu, rv + _COLUMNS[c] * bv
+                    dz = rz + _COLUMNS[c] * bz
                     if inside:
                         i, j = np.uintp(cu + du), np.uintp(cv + dv)
                         p, q = cu + du - i, cv + dv - j
@@ -231,7 +228,8 @@ def wheel_step(
         if load == 0.0:
             state[first] = state[first + 1] = state[first + 2] = 0.0
             output[wheel, 0] = output[wheel, 3] = output[wheel, 4] = 0.0
-            xfrc[body, :] = 0.0
+            for k in range(6):
+                xfrc[body, k] = 0.0
             continue
         state[first], state[first + 1], state[first + 2] = u1, w1, r1
 
