@@ -58,7 +58,7 @@ STATE: Final = Channel(
     "/state",
     "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds, and the "
     "set points of the servos behind dead time, dead band and play",
-    (*_POSES, *_BEYOND, *(f"{name}_set_point" for name in _INPUTS)),  # as `Motion`
+    (*_POSES, *_BEYOND, *(f"{name}_set_point" for name in _INPUTS)),  # as `MOTION`
 )
 REFERENCE: Final = Channel(
     "/reference",

@@ -55,9 +55,9 @@ def estimate(setup: SimulationSetup, tick: TickContext) -> None:
     setup.guidance.wait()  # the simulation is faster than real time: not a part of the step
     with setup.deadline:
         start = perf_counter_ns()
-        tick.estimate = setup.guidance.update(tick.motion.time_s, tick.samples)
+        tick.estimate = setup.guidance.update(tick.now.time_s, tick.samples)
         tick.estimator_ns = perf_counter_ns() - start
-    setup.sink.row(channels.ESTIMATE, tick.motion.time_s, channels.estimate_row(tick.estimate))
+    setup.sink.row(channels.ESTIMATE, tick.now.time_s, channels.estimate_row(tick.estimate))
 
 
 def control(setup: SimulationSetup, tick: TickContext) -> None:
@@ -74,7 +74,7 @@ def control(setup: SimulationSetup, tick: TickContext) -> None:
 def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the command and its diagnostics."""
     assert tick.control is not None
-    diagnostics, time, sink = tick.control.diagnostics, tick.motion.time_s, setup.sink
+    diagnostics, time, sink = tick.control.diagnostics, tick.now.time_s, setup.sink
     sink.row(channels.CONTROL, time, channels.control_row(tick.control, setup.bounds))
     sink.row(channels.TRACKING, time, channels.tracking_row(diagnostics))
     sink.row(channels.SOLVER, time, channels.solver_row(diagnostics))
@@ -102,15 +102,21 @@ def advance(setup: SimulationSetup, tick: TickContext) -> None:
         text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
         setup.sink.event(Event(tick.k * period_s, "warning", text))
         late = math.ceil(took_s / tick.timestep_s) if setup.realtime else 0
-    spans = tick.queue.send(tick.command, step + late).spans(step, steps // stride, stride)
+    queue, end = tick.commands, step + steps
+    queue.append((step + late, tick.command))
     start, parts = perf_counter_ns(), []
-    for command, count in spans:
-        parts.append(plant.drive(command, count, stride))
+    while step < end:  # a command acts from its physics step on, in the order of sending
+        while len(queue) > 1 and queue[1][0] <= step:
+            queue.popleft()
+        until = min(end, queue[1][0]) if len(queue) > 1 else end
+        count = -(-(until - step) // stride)  # one that comes due within a stride acts after it
+        parts.append(plant.drive(queue[0][1], count, stride))
+        step += count * stride
     tick.plant_ns = perf_counter_ns() - start
     moments = parts[0]
     if len(parts) > 1:
         moments = Moments(*map(np.concatenate, zip(*parts, strict=True)))
-    tick.drive_to(step + steps, moments)
+    tick.drive_to(end, moments)
 
 
 def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
@@ -140,15 +146,15 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
     qp_us = 1e6 * report.solve_time_s if report and report.solve_time_s else channels.NAN
     plant_us = 1e-3 * tick.plant_ns / setup.control_steps
     row = (1e-3 * tick.estimator_ns, 1e-3 * tick.control_ns, qp_us, plant_us)
-    setup.sink.row(channels.TIMING, tick.motion.time_s, row)
+    setup.sink.row(channels.TIMING, tick.now.time_s, row)
 
 
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
-    now, limits = tick.motion, setup.termination
+    now, limits = tick.now, setup.termination
     step = tick.reference_step(tick.steps[-1], setup.control_steps)
-    x, y = setup.reference_row(step, now.x_t, now.y_t)[:2].tolist()
-    distance_m = math.hypot(now.x_t - x, now.y_t - y)
+    place = now.tractor[:2]
+    distance_m = math.dist(place, setup.reference_row(step, *place)[:2].tolist())
     slip = tick.slip.update(now, limits.stuck_time)
     assert tick.control is not None
     diagnostics = tick.control.diagnostics
@@ -230,7 +236,7 @@ def periods(
     """Do as `drive`, and pause before every `control`: an estimate is there, a command is not."""
     tick = TickContext(setup)
     for text in setup.notes:
-        setup.sink.event(Event(tick.motion.time_s, "info", text))
+        setup.sink.event(Event(tick.now.time_s, "info", text))
     log_truth(setup, tick)
     status: Literal["completed", "stopped", "lost", "invalid"] = "completed"
     failure: str | None = None
@@ -253,8 +259,7 @@ def periods(
             if failure:
                 break
             if setup.guidance.reference_tick >= ticks:
-                now = tick.motion
-                left_m = setup.behind_m(ticks * setup.control_steps, now.x_t, now.y_t)
+                left_m = setup.behind_m(ticks * setup.control_steps, *tick.now.tractor[:2])
                 if left_m <= setup.termination.deviation:
                     break
         else:
@@ -269,7 +274,7 @@ def periods(
             trace = "".join(traceback.format_exception(error.__cause__))
     finally:
         gc.unfreeze()
-    time = tick.motion.time_s
+    time = tick.now.time_s
     for text in filter(None, (failure, trace)):
         setup.sink.event(Event(time, "error", text))
     return Outcome(status, failure, time, 1e-9 * (perf_counter_ns() - start), trace)

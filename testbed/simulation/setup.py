@@ -1,6 +1,7 @@
 """Parts of a simulation, and what a control period hands from stage to stage."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -13,7 +14,7 @@ from ..ground.terrain import Terrain
 from ..recording.record import Sink
 from ..sensing.sensors import SensorSuite
 from ..truth import Moments, Truth
-from .deadline import CommandQueue, Deadline
+from .deadline import Deadline
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits
 
@@ -80,7 +81,8 @@ class SimulationSetup:
 class TickContext:
     """Data of one control period; a stage reads what earlier stages left and adds its own.
 
-    `truths`, `now` and `measurements` are views: they are made when someone asks for them.
+    `now` is the plant at the last of the `moments`, which are those since the previous tick, at
+    their physics `steps`. `measurements` are views: they are made when someone asks for them.
     """
 
     def __init__(self, setup: SimulationSetup) -> None:
@@ -95,7 +97,8 @@ class TickContext:
         # as it reaches the actuators; until then the previous one
         self.command: Command | None = None
         self.fallback = ""
-        self.queue = CommandQueue()
+        # physics step from which each of the commands under way acts; the first one acts now
+        self.commands: deque[tuple[int, Command]] = deque()
         self.slip = MeanSlip()
         self.lost: str | None = None
         self.stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
@@ -109,7 +112,7 @@ class TickContext:
         """Take over the moments up to a physics step, the last of them."""
         self.moments, count = moments, len(moments.rows)
         self.steps = range(step - (count - 1) * self.stride, step + 1, self.stride)
-        self.motion = moments.motion(-1)  # of the last moment
+        self.now: Truth = moments.truth(-1)
 
     def sensed(self, samples: FloatArray) -> None:
         """Take over the samples of the period as rows, see `ttempc.layout.SAMPLE`."""
@@ -131,16 +134,6 @@ class TickContext:
     @measurements.setter
     def measurements(self, samples: list[Measurement]) -> None:
         self._measurements = samples
-
-    @property
-    def truths(self) -> list[tuple[int, Truth]]:
-        """Physics steps and states of the plant since the previous tick."""
-        return [(step, self.moments.truth(n)) for n, step in enumerate(self.steps)]
-
-    @property
-    def now(self) -> Truth:
-        """The plant at the latest moment."""
-        return self.moments.truth(-1)
 
     def reference_step(self, step: int, control_steps: int) -> int:
         """Return the physics step of the reference that belongs to one of this period."""
