@@ -112,6 +112,17 @@ class Innovations(Sequence[Innovation]):
         return Innovation(_SENSORS[int(index)][0], *item)
 
 
+def innovation_rows(innovations: Sequence[Innovation]) -> FloatArray:
+    """Return the rows (n, `INNOVATION`) of innovations, those of unknown sensors left out."""
+    known = [item for item in innovations if item.sensor in _KINDS]
+    rows = np.full((len(known), INNOVATION), math.nan)
+    for row, item in zip(rows, known, strict=True):
+        row[0] = _KINDS[item.sensor][0]
+        row[1:4] = item.normalised_squared, item.dimension, item.accepted
+        row[4 : 4 + len(item.whitened)], row[6] = item.whitened, item.log_determinant
+    return rows
+
+
 def estimate_view(row: FloatArray, innovations: Sequence[Innovation] = ()) -> Estimate:
     """Return the `Estimate` of a flat `ESTIMATE`; it shares its arrays."""
     e = row.view(ESTIMATE)[0]
