@@ -15,11 +15,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PROJECT = ("mjcf", "testbed", "ttempc", "experiments")
-# llvmlite is numba's own
-CONTROL_SIDE_MAY = {
-    *("numpy", "scipy", "piqp", "numba", "llvmlite", "daqp", "ttempc"),
-    *sys.stdlib_module_names,
-}
+LIBRARIES = {"numpy", "scipy", "piqp", "numba", "llvmlite", "daqp"}  # llvmlite is numba's own
+CONTROL_SIDE_MAY = LIBRARIES | {"ttempc"} | sys.stdlib_module_names
 CONTROL_SIDE_MAY_NOT = {"time", "pathlib", "os", "io"}
 _SHARED = ("errors", "jit", "layout", "suggestion", "types", "vehicle")
 TESTBED_MAY = {f"ttempc.{name}" for name in _SHARED}

@@ -184,11 +184,14 @@ def estimate_row(estimate: Estimate) -> FloatArray:
         record[name] = getattr(estimate, name)
     factors = estimate.noise_factors
     record["noise_factors"] = _NO_FACTORS if factors is None else factors
+    innovations = estimate.innovations
+    if isinstance(innovations, Innovations):
+        numbers = innovations.rows[:, :4].tolist()
+    else:
+        numbers = [(0 if i.sensor in _GNSS else 2, *i[1:4]) for i in innovations]
     # A sample that the filter could not weigh, such as one that is not finite, has no innovation.
-    weighed = [item for item in estimate.innovations if math.isfinite(item.normalised_squared)]
-    record["nis"] = sum(item.normalised_squared for item in weighed)
-    record["nis_dof"] = sum(item.dimension for item in weighed)
-    record["position_seen"] = any(
-        item.accepted and item.sensor in _GNSS for item in estimate.innovations
-    )
+    record["nis"] = sum([square for _, square, _, _ in numbers if math.isfinite(square)])
+    record["nis_dof"] = sum([count for _, square, count, _ in numbers if math.isfinite(square)])
+    # The receivers are the first sensors.
+    record["position_seen"] = bool([1 for sensor, _, _, passed in numbers if passed and sensor < 2])
     return row

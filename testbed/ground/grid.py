@@ -111,7 +111,8 @@ class Grid:
     def contains(self, x: ArrayLike, y: ArrayLike, margin: float = 0.0) -> bool:
         """Return whether every point (x, y) [m] lies at least `margin` [m] inside the grid."""
         if isinstance(x, float) and isinstance(y, float):  # numpy takes 8 us for one point
-            (width, depth), (x0, y0) = self.size_m, self.origin
+            (ny, nx), (x0, y0), side = self.values.shape, self.origin, self.spacing_m
+            width, depth = (nx - 1) * side, (ny - 1) * side
             return margin <= x - x0 <= width - margin and margin <= y - y0 <= depth - margin
         return bool(np.all(self.inside(x, y, margin)))
 

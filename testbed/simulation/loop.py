@@ -97,12 +97,11 @@ def advance(setup: SimulationSetup, tick: TickContext) -> None:
     assert tick.command is not None
     steps, stride, plant = setup.control_steps, tick.stride, setup.plant
     step, took_s = tick.k * steps, 1e-9 * (tick.estimator_ns + tick.control_ns)
-    timestep_s = plant.timestep_s
     late = 0  # physics steps by which the command comes late
-    if took_s > (period_s := steps * timestep_s):
+    if took_s > (period_s := steps * tick.timestep_s):
         text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
         setup.sink.event(Event(tick.k * period_s, "warning", text))
-        late = math.ceil(took_s / timestep_s) if setup.realtime else 0
+        late = math.ceil(took_s / tick.timestep_s) if setup.realtime else 0
     spans = tick.queue.send(tick.command, step + late).spans(step, steps // stride, stride)
     start, parts = perf_counter_ns(), []
     for command, count in spans:

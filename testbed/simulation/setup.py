@@ -85,6 +85,7 @@ class TickContext:
 
     def __init__(self, setup: SimulationSetup) -> None:
         self.k = 0  # control tick, counted
+        self.timestep_s = setup.plant.timestep_s  # physics step
         # physics steps from one moment to the next
         self.stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
         self.drive_to(0, setup.plant.moment())
