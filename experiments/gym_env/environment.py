@@ -65,7 +65,7 @@ def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int
 class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
     """A run of a scenario; `reset(seed=N)` starts that of `ttempc run --seed N`.
 
-    Estimator, supervisor and command guard of the run stay in place; the action replaces the
+    Estimator and supervisor of the run stay in place; the action replaces the
     command of the controller, or is added to it. `observation_names` has the entries of what a
     policy sees.
 
@@ -235,7 +235,7 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
 
 
 class _Actions:
-    """Controller whose command is the action of an environment; the command guard limits it."""
+    """Controller whose command is the action of an environment; the supervisor limits it."""
 
     def __init__(self, environment: FieldTrial) -> None:
         self._environment = environment

@@ -199,7 +199,7 @@ def past_play(wheel: float, cylinder: float, play: float) -> float:
 
 def _steering_axis(
     name: str, valve: SteeringValve, timestep: float, stop: float
-) -> tuple[float, float, float, float]:
+) -> tuple[float, ...]:
     """Return the row of a steering axis in `Actuators.axes`; `stop` is its largest angle [rad]."""
     angles_deg = {
         "dead_band": valve.dead_band_deg,

@@ -195,7 +195,7 @@ def soil_steps(
         limits: (n, 3) place in the positions, least and greatest value of each limited joint.
         looked: (nq + 1,) positions at the end of the last call, and the distance [m] that the
             chassis could then move without meeting the ground. It holds at these positions only.
-        moment: first arguments of `write_moment`; they begin with places, and have positions,
+        moment: arguments of `write_moment` from places on, which are at 0; it has positions,
             velocities and set points at 3, 4 and 6.
         flags: (1,) flags of MuJoCo's model by which parts are off, as found afterwards.
         unused: flags of the parts without use while no shape is near the ground and no limit is
@@ -245,7 +245,7 @@ def soil_steps(
             flags[0] = given | unused if inside else given
             _step1(model, data)
             time += timestep
-        write_moment(*moment, time, rows[stop], poses[stop], tools[stop])
+        write_moment(time, rows[stop], poses[stop], tools[stop], *moment)
     flags[0], clock[0] = given, timer
     looked[-1] = free
     for i in range(qpos.size):  # a slice would compile numba's texts of errors

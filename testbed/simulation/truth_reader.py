@@ -19,7 +19,7 @@ from ..truth import TOOL_SIZE, TRUTH_SIZE, Moments
 class TruthReader:
     """Reader of the present state; positions and velocities in `data` must be up to date.
 
-    `arguments` are the first ones of `write_moment`.
+    `arguments` are those of `write_moment` from `places` on.
 
     Args:
         model: of the plant.
@@ -66,12 +66,16 @@ class TruthReader:
     def put(self, moments: Moments, number: int) -> Moments:
         """Write the present state; wheel forces are those of the step that led to it."""
         row, poses, tool = (part[number] for part in moments)
-        write_moment(*self.arguments, self._data.time, row, poses, tool)
+        write_moment(self._data.time, row, poses, tool, *self.arguments)
         return moments
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
 def write_moment(
+    time: float,
+    row: FloatArray,
+    poses: FloatArray,
+    tool: FloatArray,
     places: np.ndarray,
     rear_radius: float,
     behind: float,
@@ -88,14 +92,14 @@ def write_moment(
     output: FloatArray,
     lift: FloatArray,
     worked: FloatArray,
-    time: float,
-    row: FloatArray,
-    poses: FloatArray,
-    tool: FloatArray,
 ) -> None:
     """Write the present state as one of `Moments`.
 
     Args:
+        time: [s].
+        row: (TRUTH_SIZE,), written.
+        poses: (bodies, 7), written.
+        tool: (TOOL_SIZE + 3 n,), written, or (0,) without an implement.
         places: (11,) bodies of tractor, drawbar and trailer; sites of the antennas; positions of
             beta, delta_t and delta_i; velocities of the rear wheels; activation of the hydrostat.
         rear_radius: of the driven wheels [m].
@@ -104,10 +108,6 @@ def write_moment(
         output: (6, 7) report of the wheels.
         lift: (2,) lowered share of the implement, distance driven [m].
         worked: (n, 3) depth, draft and side force of its points.
-        time: [s].
-        row: (TRUTH_SIZE,), written.
-        poses: (bodies, 7), written.
-        tool: (TOOL_SIZE + 3 n,), written, or (0,) without an implement.
     """
     tractor, drawbar, trailer = places[0], places[1], places[2]
     row[0] = time
