@@ -12,7 +12,7 @@ case of motion 0.7 m/s, off.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final
@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import InvalidTuning
 from ..jit import cached_njit
-from ..layout import ALARM, INNOVATION, SAMPLE, sample_rows
+from ..layout import ALARM, INNOVATION, SAMPLE, measurements_of, sample_rows
 from ..models.augmented_state import SensorIndex
 from ..types import (
     Command,
