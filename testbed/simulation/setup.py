@@ -80,18 +80,18 @@ class SimulationSetup:
 class TickContext:
     """Data of one control period; a stage reads what earlier stages left and adds its own.
 
-    `truths`, `now` and `measurements` are views: they are made when someone asks for them.
+    `truths`, `now`, `measurements` and `control` are views, made when someone asks for them.
     """
 
     def __init__(self, setup: SimulationSetup) -> None:
         self.k = 0  # control tick, counted
+        self._guidance = setup.guidance
         self.timestep_s = setup.plant.timestep_s  # physics step
         # physics steps from one moment to the next
         self.stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
         self.drive_to(0, setup.plant.moment())
         self.sensed(np.empty((0, SAMPLE)))
         self.estimate: Estimate | None = None
-        self.control: ControlStep | None = None
         # as it reaches the actuators; until then the previous one
         self.command: Command | None = None
         self.fallback = ""
@@ -131,6 +131,11 @@ class TickContext:
     @measurements.setter
     def measurements(self, samples: list[Measurement]) -> None:
         self._measurements = samples
+
+    @property
+    def control(self) -> ControlStep:
+        """The last command and its explanation."""
+        return self._guidance.control_step
 
     @property
     def truths(self) -> list[tuple[int, Truth]]:

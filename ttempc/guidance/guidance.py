@@ -288,6 +288,20 @@ class Guidance:
         return self._supervisor.tick
 
     @property
+    def stopping(self) -> bool:
+        """Whether the supervisor stops the vehicle, or holds it at rest."""
+        return self._supervisor.stopping
+
+    @property
+    def solve_time_s(self) -> float:
+        """Time of the last step's solver as it reports it [s]; 0 where none was needed."""
+        return self._supervisor.solve_time_s
+
+    def predicted_path(self) -> FloatArray | None:
+        """Return `Diagnostics.predicted_path` of the last step; call it before `prepare`."""
+        return self._supervisor.predicted_path()
+
+    @property
     def control_step(self) -> ControlStep:
         """Command and diagnostics of the last `step`.
 
