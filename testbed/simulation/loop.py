@@ -57,7 +57,8 @@ def estimate(setup: SimulationSetup, tick: TickContext) -> None:
         start = perf_counter_ns()
         tick.estimate = setup.guidance.update(tick.now.time_s, tick.samples)
         tick.estimator_ns = perf_counter_ns() - start
-    setup.sink.row(channels.ESTIMATE, tick.now.time_s, channels.estimate_row(tick.estimate))
+    record = setup.guidance.estimate_record
+    setup.sink.row(channels.ESTIMATE, tick.now.time_s, channels.estimate_row(record))
 
 
 def control(setup: SimulationSetup, tick: TickContext) -> None:
@@ -68,24 +69,24 @@ def control(setup: SimulationSetup, tick: TickContext) -> None:
         tick.command = setup.guidance.step()
         tick.control_ns = perf_counter_ns() - start
     tick.waits = setup.guidance.reference_tick == tick.reference_tick
-    tick.control = setup.guidance.control_step
 
 
 def log_control(setup: SimulationSetup, tick: TickContext) -> None:
-    """Log the command and its diagnostics."""
-    assert tick.control is not None
-    diagnostics, time, sink = tick.control.diagnostics, tick.now.time_s, setup.sink
-    sink.row(channels.CONTROL, time, channels.control_row(tick.control, setup.bounds))
-    sink.row(channels.TRACKING, time, channels.tracking_row(diagnostics))
-    sink.row(channels.SOLVER, time, channels.solver_row(diagnostics))
-    if diagnostics.tube is not None:
-        sink.row(channels.TUBE, time, channels.tube_row(diagnostics.tube))
-    if diagnostics.predicted_path is not None:
-        sink.path(PREDICTED_PATH_TOPIC, time, diagnostics.predicted_path[:, :2])
-        sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, diagnostics.predicted_path[:, 2:])
-    if diagnostics.learnt:
-        sink.event(Event(time, "info", LEARNT + ", ".join(diagnostics.learnt)))
-    fallback = diagnostics.fallback
+    """Log the record of the command."""
+    guidance, time, sink = setup.guidance, tick.now.time_s, setup.sink
+    record = guidance.tick_record
+    solver, tube = record[channels.SOLVER_COLUMNS], record[channels.TUBE_COLUMNS]
+    sink.row(channels.CONTROL, time, record[channels.CONTROL_COLUMNS])
+    sink.row(channels.TRACKING, time, record[channels.TRACKING_COLUMNS])
+    sink.row(channels.SOLVER, time, solver)
+    if not math.isnan(tube[0]):
+        sink.row(channels.TUBE, time, tube)
+    if sink.draws and (path := guidance.predicted_path()) is not None:
+        sink.path(PREDICTED_PATH_TOPIC, time, path[:, :2])
+        sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, path[:, 2:])
+    if guidance.learnt:
+        sink.event(Event(time, "info", LEARNT + ", ".join(guidance.learnt)))
+    fallback = guidance.diagnostics.fallback if solver[-1] else ""
     if fallback != tick.fallback:
         text = f"{REACTION}{fallback}" if fallback else REACTION_ENDED
         sink.event(Event(time, "warning" if fallback else "info", text))
@@ -140,10 +141,8 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
 
 def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the computation times of the period."""
-    assert tick.control is not None
-    report = tick.control.diagnostics.solver
     # A QP that was answered without the solver (time 0) has no time of one.
-    qp_us = 1e6 * report.solve_time_s if report and report.solve_time_s else channels.NAN
+    qp_us = 1e6 * setup.guidance.solve_time_s or channels.NAN
     plant_us = 1e-3 * tick.plant_ns / setup.control_steps
     row = (1e-3 * tick.estimator_ns, 1e-3 * tick.control_ns, qp_us, plant_us)
     setup.sink.row(channels.TIMING, tick.now.time_s, row)
@@ -156,13 +155,12 @@ def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     place = now.tractor[:2]
     distance_m = math.dist(place, setup.reference_row(step, *place)[:2].tolist())
     slip = tick.slip.update(now, limits.stuck_time)
-    assert tick.control is not None
-    diagnostics = tick.control.diagnostics
+    guidance = setup.guidance
     stands = abs(now.speed) < limits.standing
-    if not diagnostics.stopping:
+    if not guidance.stopping:
         tick.stopping = None
     elif tick.stopping is None:
-        tick.stopping = now.time_s, diagnostics.fallback
+        tick.stopping = now.time_s, tick.fallback
     since_s, reason = tick.stopping or (-math.inf, "")
     stopping = bool(tick.stopping) and (stands or now.time_s - since_s <= limits.stop_time)
     tick.lost = check_termination(now, distance_m, setup.terrain, limits, slip, stopping=stopping)

@@ -82,18 +82,19 @@ class TickContext:
     """Data of one control period; a stage reads what earlier stages left and adds its own.
 
     `now` is the plant at the last of the `moments`, which are those since the previous tick, at
-    their physics `steps`. `measurements` are views: they are made when someone asks for them.
+    their physics `steps`. `measurements` and `control` are views, made
+    when someone asks for them.
     """
 
     def __init__(self, setup: SimulationSetup) -> None:
         self.k = 0  # control tick, counted
+        self._guidance = setup.guidance
         self.timestep_s = setup.plant.timestep_s  # physics step
         # physics steps from one moment to the next
         self.stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
         self.drive_to(0, setup.plant.moment())
         self.sensed(np.empty((0, SAMPLE)))
         self.estimate: Estimate | None = None
-        self.control: ControlStep | None = None
         # as it reaches the actuators; until then the previous one
         self.command: Command | None = None
         self.fallback = ""
@@ -134,6 +135,11 @@ class TickContext:
     @measurements.setter
     def measurements(self, samples: list[Measurement]) -> None:
         self._measurements = samples
+
+    @property
+    def control(self) -> ControlStep:
+        """The last command and its explanation."""
+        return self._guidance.control_step
 
     def reference_step(self, step: int, control_steps: int) -> int:
         """Return the physics step of the reference that belongs to one of this period."""
