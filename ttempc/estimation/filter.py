@@ -161,7 +161,9 @@ def predict(
         drawbar = f.vehicle[VehicleParameter.DRAWBAR_LENGTH] * math.cos(
             middle[AugmentedState.DELTA_I]
         )
-        swing = -drawbar / (f.vehicle[VehicleParameter.TRAILER_LENGTH] + drawbar)
+        trailer = f.vehicle[VehicleParameter.TRAILER_LENGTH]
+        trailer += f.vehicle[VehicleParameter.TRAILER_TURNING_OFFSET]
+        swing = -drawbar / (trailer + drawbar)
         for level in range(_LEVELS):
             for i in range(SIZE):
                 variance = step_s * f.rates[0, level, i] + travel * f.rates[1, level, i]

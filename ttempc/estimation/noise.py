@@ -235,7 +235,7 @@ class ProcessNoise:
         acts_on[:2, :2] = [[np.cos(psi_t), -np.sin(psi_t)], [np.sin(psi_t), np.cos(psi_t)]]
         drawbar = vehicle.drawbar_length * math.cos(delta_i)
         acts_on[AugmentedState.PSI_I, AugmentedState.DELTA_I] = -drawbar / (
-            vehicle.trailer_length + drawbar
+            vehicle.trailer_length + vehicle.trailer_turning_offset + drawbar
         )
         return acts_on @ density @ acts_on.T
 
