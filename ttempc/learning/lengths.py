@@ -166,7 +166,7 @@ class LengthIdentifier:
         self, vehicle: Vehicle, noise: SensorNoise, process: ProcessNoise | None = None
     ) -> None:
         self._given = vehicle
-        self._noise, self._process = noise, process or ProcessNoise()
+        self._noise, self._process = noise, process or ProcessNoise.of(vehicle)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""
