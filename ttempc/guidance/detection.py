@@ -424,7 +424,6 @@ def _observe_speeds(
                     present[0] = _GO_ON
 
 
-
 @_compiled
 def _observe_steering(
     parameters: FloatArray,
