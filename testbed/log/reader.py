@@ -83,8 +83,9 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
     metadata: dict[str, str] = {}
     attachments: dict[str, bytes] = {}
     schemas: dict[int, Schema] = {}
-    channels: dict[int, McapChannel] = {}
-    by_channel: dict[int, list[Message]] = {}
+    names: dict[int, str] = {}  # of the topics by their channels
+    topics: dict[str, Topic] = {}
+    messages: dict[str, list[Message]] = {}
     faults, ends = [], 0  # of the sections of data and summary
     stream = io.BytesIO(data)
     try:
@@ -114,11 +115,14 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
                         attachments[name] = content
                     case Schema() as schema:
                         schemas[schema.id] = schema
-                    case McapChannel() as channel:
-                        channels[channel.id] = channel
-                    case Message(channel_id=number) as message:
-                        if number not in channels or is_read(channels[number].topic):
-                            by_channel.setdefault(number, []).append(message)
+                    case McapChannel(id=number, topic=name) as each if each.schema_id in schemas:
+                        schema, names[number] = schemas[each.schema_id], name
+                        topics[name] = Topic(name, schema.name, schema.data, dict(each.metadata))
+                        if is_read(name):
+                            messages.setdefault(name, [])
+                    case Message() as message:
+                        if (name := names.get(message.channel_id, "")) in messages:
+                            messages[name].append(message)
                     case DataEnd(data_section_crc=crc):
                         ends += 1
                         if zlib.crc32(memoryview(data)[: stream.tell() - _DATA_END_BYTES]) != crc:
@@ -138,17 +142,11 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
     skipped = f", {left_out} left out" if left_out else ""
     salvage = f"{chunks} whole chunks{skipped}, up to {last_ns / 1e9:.2f} s; "
     salvage = salvage + faults[0] if faults else ""
-    topics = {
-        each.topic: Topic(each.topic, schema.name, schema.data, dict(each.metadata))
-        for each in channels.values()
-        if (schema := schemas.get(each.schema_id))
-    }
-    messages = {
-        each.topic: by_channel.get(number, [])
-        for number, each in channels.items()
-        if is_read(each.topic)
-    }
-    return Content(path, _of_run(path, metadata), attachments, topics, messages, salvage)
+    if not metadata:
+        raise LogError(f"{path}: describes no run: not a log of ttempc, or truncated at its start")
+    if (version := metadata.pop(FORMAT_KEY, "none")) != FORMAT:
+        raise LogError(f"{path}: log format {version}, this version reads {FORMAT}")
+    return Content(path, metadata, attachments, topics, messages, salvage)
 
 
 def _unpacked(chunk: Chunk) -> list[McapRecord]:
@@ -160,16 +158,6 @@ def _unpacked(chunk: Chunk) -> list[McapRecord]:
     elif chunk.compression:
         raise ValueError(f"compression {chunk.compression!r}")
     return breakup_chunk(chunk, validate_crc=True)
-
-
-def _of_run(path: Path, metadata: dict[str, str]) -> dict[str, str]:
-    """Return the metadata of the run without the log's own keys."""
-    if not metadata:
-        raise LogError(f"{path}: describes no run: not a log of ttempc, or truncated at its start")
-    version = metadata.pop(FORMAT_KEY, "none")
-    if version != FORMAT:
-        raise LogError(f"{path}: log format {version}, this version reads {FORMAT}")
-    return metadata
 
 
 @contextmanager
