@@ -53,6 +53,8 @@ SAME_TIME_S: Final = 1e-6
 LONGEST_GAP_S: Final = 1.0
 """Without update and sample for longer [s], the filter starts anew, see `observe_filter`."""
 
+_SPACING_S: Final = 0.15  # of moments: they keep up with samples where every update has a late one
+
 _LONGEST_STEP_S: Final = 0.05  # a third of the front steering's lag
 _PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
 _LONGEST_SPAN_S: Final = 0.1  # between samples of a gyro, for their mean to be that of the rate
@@ -72,7 +74,7 @@ FILTER: Final = np.dtype(
         ("dead_times", "f8", _INPUTS),  # [s]
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
-        ("keeps_all", "f8"),  # 1: a moment for each time of a sample, else for each update
+        ("keeps_all", "f8"),  # 1: a moment for each time of a sample
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
         # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
         # vector instructions, which takes four times as long.
@@ -637,14 +639,14 @@ def observe_filter(
         while moments[(h.begin + h.moments - 1) % ring, 0] >= since_s:
             h.moments -= 1
         now = moments[(h.begin + h.moments - 1) % ring]
-        workspace, start_s = np.empty((8, 2, width)), now[0]
+        workspace, start_s, kept_s = np.empty((8, 2, width)), now[0], now[0]
         for k in range(h.samples):
             sample = samples[k]
             if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
                 continue
             if sample[0] > now[0]:
-                if now[0] == start_s or f.keeps_all:
-                    before, h.moments = now, h.moments + 1
+                if f.keeps_all or now[0] - kept_s >= _SPACING_S or now[0] == start_s:
+                    before, kept_s, h.moments = now, sample[0], h.moments + 1
                     now = moments[(h.begin + h.moments - 1) % ring]
                     for i in range(entries):
                         now[i] = before[i]
