@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ..jit import cached_njit
+from ..jit import cached_njit, record
 from ..layout import ESTIMATE, TICK, new_tick
 from ..mpc.articulated_error import PredictedPath
 from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
@@ -96,7 +96,7 @@ def robust_part(
     `MEMORY.correlation` holds the previous one and the averages of product and power, of which
     older ones weigh less by the factor `Law.forgetting` with each tick.
     """
-    s, t = memory.view(MEMORY)[0], tick.view(TICK)[0]
+    s, t = record(memory, MEMORY), record(tick, TICK)
     started = s.last == k - 1
     if law.kind == TUBE_READING and s.last >= 0.0:
         for i in range(_M):
@@ -211,9 +211,9 @@ def propose(
         most: see `minimise`.
     """
     e, s, t, given = (
-        estimate.view(ESTIMATE)[0],
-        memory.view(MEMORY)[0],
-        tick.view(TICK)[0],
+        record(estimate, ESTIMATE),
+        record(memory, MEMORY),
+        record(tick, TICK),
         work.given,
     )
     r, x, on_map = law.reference[k], e.state, e.map_disturbance
@@ -281,7 +281,7 @@ def conclude(
     that the tightening leaves. K m saturates at the share of the inputs that the tightening has
     reserved for it. A plan can be kept at every tick up to the last stage of its horizon.
     """
-    s, t, given, steps = memory.view(MEMORY)[0], tick.view(TICK)[0], work.given, work.steps
+    s, t, given, steps = record(memory, MEMORY), record(tick, TICK), work.given, work.steps
     size, accepted, backed = steps.size, t.solver[0] == 1.0, law.reserve.shape[0] > 0
     for i in range(_M):
         low, high = stages.limits[k, 0, i], stages.limits[k, 1, i]
@@ -359,7 +359,7 @@ class ArticulatedLaw(FeedbackLaw):
         memory = self._memory.view(MEMORY)[0]
         memory["last"] = memory["made"] = memory["planned"] = -2.0
         self._kept = np.zeros(_M + len(horizon.stages.matrix))
-        self._report: SolverReport | None = None  # of the last QP that a solver answered
+        self.report: SolverReport | None = None  # of the last QP that a solver answered
         self._last: tuple[FloatArray, FloatArray] | None = None  # estimate and command, of a step
 
     @property
@@ -395,10 +395,10 @@ class ArticulatedLaw(FeedbackLaw):
         outcome = propose(
             k, row, sent, self.law, stages, work, self._memory, self._kept, tick, mpc.most
         )
-        self._last, self._report = (row, sent), None
+        self._last, self.report = (row, sent), None
         if outcome < 0:
-            self._report, excess = mpc.answer(k, outcome)
-            report, record = self._report, tick.view(TICK)[0]
+            self.report, excess = mpc.answer(k, outcome)
+            report, record = self.report, tick.view(TICK)[0]
             record["solver"][:4] = (
                 report.accepted,
                 report.iterations,
@@ -418,16 +418,19 @@ class ArticulatedLaw(FeedbackLaw):
         at = np.asarray(ticks, dtype=int)
         return self.path.less(at, self.horizon.outputs(at, plans))
 
+    def predicted_path(self, k: int) -> FloatArray:
+        return self.path.less(k, self.horizon.planned(k, self.mpc.work))
+
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""
         t = tick.view(TICK)[0]
-        report = self._report or SolverReport("solved", True, int(t["solver"][1]), 0.0, 0.0, 0.0)
+        report = self.report or SolverReport("solved", True, int(t["solver"][1]), 0.0, 0.0, 0.0)
         modelling, tube = t["tracking"][7:], t["tube"]
         return Diagnostics(
             feedback=t["control"][:, 1].copy(),
             robust=t["control"][:, 2].copy(),
             modelling_error=None if np.isnan(modelling[0]) else modelling.copy(),
-            predicted_path=self.path.less(k, self.horizon.planned(k, self.mpc.work)),
+            predicted_path=self.predicted_path(k),
             solver=report,
             fallback=WORDS[int(t["law"])].format(report.status),
             tube=None
