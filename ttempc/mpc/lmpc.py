@@ -410,12 +410,6 @@ class CondensedHorizon:
             outputs=rows.shape[1],
         )
 
-    def planned(self, k: int, work: Work) -> FloatArray:
-        """Return `outputs` of tick `k` alone, of which `work` has response and steps, (Np, p)."""
-        states = work.free[1:] + work.response @ work.steps
-        outputs = self.stages.outputs[k + 1 : k + 1 + self.horizon]
-        return (outputs @ states[..., None])[..., 0]
-
     def outputs(self, ticks: Sequence[int] | NDArray[np.intp], plans: FloatArray) -> FloatArray:
         """Return C z_{k+1} ... C z_{k+Np} at T ticks under their plans, (T, Np, p).
 
