@@ -289,19 +289,14 @@ def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
     angle = np.radians(vehicle.front_steering.limit_deg)
     angle = float(knuckle_angle(angle, tractor.wheelbase_m, kingpin))
     if angle > math.radians(_WIDEST_KNUCKLE_DEG):
-        yield (
-            "front_steering.limit_deg",
-            f"the inner wheel would turn by {math.degrees(angle):.0f} deg, "
-            f"at most {_WIDEST_KNUCKLE_DEG:g} deg are allowed",
-        )
+        reason = f"{math.degrees(angle):.0f} deg, at most {_WIDEST_KNUCKLE_DEG:g} deg are allowed"
+        yield "front_steering.limit_deg", f"the inner wheel would turn by {reason}"
     arm = 0.5 * (axle.track_m - axle.kingpin_track_m) - 0.5 * front.width_m
     edge = kingpin + arm * math.cos(angle) - front.radius_m * math.sin(angle)
     if edge <= 0.5 * tractor.engine_width_m:
-        yield (
-            "front_steering.limit_deg",
-            f"the inner wheel comes {edge:.3f} m near to the middle and touches the body, "
-            f"tractor.engine_width_m = {tractor.engine_width_m}",
-        )
+        reason = f"touches the body, tractor.engine_width_m = {tractor.engine_width_m}"
+        where = f"the inner wheel comes {edge:.3f} m near to the middle and"
+        yield "front_steering.limit_deg", f"{where} {reason}"
     # the drawbar, as a line, between the rear wheels: half the length of a wheel at the height of
     # the hitch, and what of it stands behind the hitch
     inside = 0.5 * (tractor.rear_track_m - rear.width_m)
