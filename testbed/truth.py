@@ -5,17 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from ttempc.types import FloatArray
 
 WHEELS: Final = (
-    "front_left",
-    "front_right",
-    "rear_left",
-    "rear_right",
-    "trailer_left",
-    "trailer_right",
+    *("front_left", "front_right", "rear_left", "rear_right"),
+    *("trailer_left", "trailer_right"),
 )
 
 
@@ -64,80 +58,44 @@ class Truth:
     time_s: float
     tractor: Pose  # of the tractor point (centre of the rear axle)
     trailer: Pose  # of the trailer point (centre of the trailer axle)
-    antennas: FloatArray  # (2, 3) [m] of tractor and trailer, map frame
     psi_d: float  # [rad] yaw of the drawbar
     beta: float  # [rad] angle at RJ1, psi_t - psi_d on level ground
     delta_t: float  # [rad] steering angle of the front axle (single-track equivalent)
     delta_i: float  # [rad] angle at RJ2, psi_d - psi_i on level ground
+    hp: float  # hydrostat position after its lag, fraction 0..1
     speed: float  # [m/s] of the tractor point along the tractor's heading
     lateral_speed: float  # [m/s] of the tractor point to the tractor's left
     yaw_rate_t: float  # [rad/s] of the tractor
     yaw_rate_i: float  # [rad/s] of the trailer
     rim_speed: float  # [m/s] mean of omega r over the two rear wheels, the encoder's quantity
-    hp: float  # hydrostat position after its lag, fraction 0..1
     set_points: FloatArray  # (3,) of both steering servos [rad] and of the hydrostat
+    antennas: FloatArray  # (2, 3) [m] of tractor and trailer, map frame
     wheels: Wheels
     body_xyz: FloatArray  # (n, 3) [m] of every body, order of `Plant.body_names`
     body_quat: FloatArray  # (n, 4) w, x, y, z
     tool: Tool | None = None  # None without an implement
 
 
-TRUTH: Final = np.dtype(
-    [
-        ("time_s", "f8"),
-        ("state", "f8", 25),  # as a row of the channel `/state`
-        ("tyres", "f8", (6, 7)),  # as a row of the channel `/tyres`: wheels, fields of `Wheels`
-        ("antennas", "f8", (2, 3)),
-    ]
+MOTION: Final = (
+    *("time_s", "x_t", "y_t", "psi_t", "x_i", "y_i", "psi_i"),
+    *("z_t", "pitch_t", "roll_t", "z_i", "pitch_i", "roll_i", "psi_d", "beta"),
+    *("delta_t", "delta_i", "hp", "speed", "lateral_speed", "yaw_rate_t", "yaw_rate_i"),
+    *("rim_speed", "delta_t_set_point", "delta_i_set_point", "hp_set_point"),
 )
-"""Record of a moment that compiled steps write, a row of float64; `Truth` is its view."""
+"""Names of the first numbers in a row of `Moments`, with the units of `Truth`."""
 
-TRUTH_SIZE: Final = TRUTH.itemsize // 8
-STATE_COLUMNS: Final = slice(1, 26)
-TYRE_COLUMNS: Final = slice(26, 68)
+TRUTH_SIZE: Final = 74
+STATE_COLUMNS: Final = slice(1, 26)  # `MOTION` without the time, as the channel `/state`
+TYRE_COLUMNS: Final = slice(26, 68)  # wheels, fields of `Wheels`, as the channel `/tyres`
 ANTENNA_COLUMNS: Final = slice(68, 74)
-
-
-class Motion(NamedTuple):
-    """Time and state of a moment, the first entries of its row; units as in `Truth`."""
-
-    time_s: float
-    x_t: float
-    y_t: float
-    psi_t: float
-    x_i: float
-    y_i: float
-    psi_i: float
-    z_t: float
-    pitch_t: float
-    roll_t: float
-    z_i: float
-    pitch_i: float
-    roll_i: float
-    psi_d: float
-    beta: float
-    delta_t: float
-    delta_i: float
-    hp: float
-    speed: float
-    lateral_speed: float
-    yaw_rate_t: float
-    yaw_rate_i: float
-    rim_speed: float
-    delta_t_set_point: float
-    delta_i_set_point: float
-    hp_set_point: float
-
-
-_MOTION: Final = len(Motion._fields)
 TOOL_SIZE: Final = 6  # numbers of a `Tool` before its arrays
-TOOL_LOWERED: Final = 4  # column of a tool\'s row
+TOOL_LOWERED: Final = 4  # column of a tool's row
 
 
 class Moments(NamedTuple):
     """States of the plant at the stops of a drive; the arrays are the receiver's own."""
 
-    rows: FloatArray  # (n, TRUTH_SIZE) see `TRUTH`
+    rows: FloatArray  # (n, TRUTH_SIZE) `MOTION`, wheels, antennas
     poses: FloatArray  # (n, bodies, 7) [m] x, y, z and quaternion w, x, y, z of every body
     # (n, 6 + 3 m) numbers of a `Tool` with m points, then its arrays; (n, 0) without an implement
     tools: FloatArray
@@ -145,32 +103,19 @@ class Moments(NamedTuple):
     def truth(self, number: int) -> Truth:
         """Return the view of a row; its arrays are those of the row."""
         row, bodies, tool = self.rows[number], self.poses[number], self.tools[number]
-        now = self.motion(number)
+        time_s, x_t, y_t, psi_t, x_i, y_i, psi_i, z_t, pitch_t, roll_t, *rest = row[:23].tolist()
         return Truth(
-            time_s=now.time_s,
-            tractor=Pose(now.x_t, now.y_t, now.z_t, now.psi_t, now.pitch_t, now.roll_t),
-            trailer=Pose(now.x_i, now.y_i, now.z_i, now.psi_i, now.pitch_i, now.roll_i),
+            time_s,
+            Pose(x_t, y_t, z_t, psi_t, pitch_t, roll_t),
+            Pose(x_i, y_i, rest[0], psi_i, rest[1], rest[2]),
+            *rest[3:],
+            set_points=row[23:26],
             antennas=row[ANTENNA_COLUMNS].reshape(2, 3),
-            psi_d=now.psi_d,
-            beta=now.beta,
-            delta_t=now.delta_t,
-            delta_i=now.delta_i,
-            speed=now.speed,
-            lateral_speed=now.lateral_speed,
-            yaw_rate_t=now.yaw_rate_t,
-            yaw_rate_i=now.yaw_rate_i,
-            rim_speed=now.rim_speed,
-            hp=now.hp,
-            set_points=row[_MOTION - 3 : _MOTION],
             wheels=Wheels(*row[TYRE_COLUMNS].reshape(len(WHEELS), -1).T),
             body_xyz=bodies[:, :3],
             body_quat=bodies[:, 3:],
             tool=_tool(tool) if len(tool) else None,
         )
-
-    def motion(self, number: int) -> Motion:
-        """Return time and state of a row."""
-        return Motion(*self.rows[number, :_MOTION].tolist())
 
 
 def _tool(row: FloatArray) -> Tool:

@@ -112,6 +112,19 @@ class Innovations(Sequence[Innovation]):
         return Innovation(_SENSORS[int(index)][0], *item)
 
 
+def innovation_rows(innovations: Sequence[Innovation]) -> FloatArray:
+    """Return the rows (n, `INNOVATION`) of innovations, those of unknown sensors left out."""
+    if isinstance(innovations, Innovations):
+        return innovations.rows
+    known = [item for item in innovations if item.sensor in _KINDS]
+    rows = np.full((len(known), INNOVATION), math.nan)
+    for row, item in zip(rows, known, strict=True):
+        row[0] = _KINDS[item.sensor][0]
+        row[1:4] = item.normalised_squared, item.dimension, item.accepted
+        row[4 : 4 + len(item.whitened)], row[6] = item.whitened, item.log_determinant
+    return rows
+
+
 def estimate_view(row: FloatArray, innovations: Sequence[Innovation] = ()) -> Estimate:
     """Return the `Estimate` of a flat `ESTIMATE`; it shares its arrays."""
     e = row.view(ESTIMATE)[0]
@@ -173,11 +186,7 @@ def estimate_row(estimate: Estimate) -> FloatArray:
         record[name] = getattr(estimate, name)
     factors = estimate.noise_factors
     record["noise_factors"] = _NO_FACTORS if factors is None else factors
-    innovations = estimate.innovations
-    if isinstance(innovations, Innovations):
-        numbers = innovations.rows[:, :4].tolist()
-    else:
-        numbers = [(0 if i.sensor in _GNSS else 2, *i[1:4]) for i in innovations]
+    numbers = innovation_rows(estimate.innovations)[:, :4].tolist()
     # A sample that the filter could not weigh, such as one that is not finite, has no innovation.
     record["nis"] = sum([square for _, square, _, _ in numbers if math.isfinite(square)])
     record["nis_dof"] = sum([count for _, square, count, _ in numbers if math.isfinite(square)])

@@ -227,11 +227,11 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
 
     def _errors_m(self) -> tuple[float, float]:
         """Return the true distances of both points from their references [m]."""
-        now, setup = self._tick.motion, self._setup
+        now, setup = self._tick.now, self._setup
         # The next tick has begun, unless the run has ended: the reference is that of now.
         step = self._guidance.reference_tick * setup.control_steps
-        x_t, y_t, _, x_i, y_i = setup.reference_row(step, now.x_t, now.y_t)[:5].tolist()
-        return math.hypot(now.x_t - x_t, now.y_t - y_t), math.hypot(now.x_i - x_i, now.y_i - y_i)
+        x_t, y_t, _, x_i, y_i = setup.reference_row(step, *now.tractor[:2])[:5].tolist()
+        return math.dist(now.tractor[:2], (x_t, y_t)), math.dist(now.trailer[:2], (x_i, y_i))
 
 
 class _Actions:

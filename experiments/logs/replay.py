@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ttempc.layout import estimate_row as record_of_estimate
 from ttempc.learning.window import RecordedTick
 from ttempc.types import Command, Estimate, Estimator, Measurement
 
@@ -113,7 +114,7 @@ def replay(record: Record, estimator: Estimator) -> list[Estimate]:
 
 def same_as_recorded(estimates: Sequence[Estimate], record: Record) -> bool:
     """Return whether estimates are those of the record, bit for bit."""
-    again = np.array([estimate_row(estimate) for estimate in estimates])
+    again = np.array([estimate_row(record_of_estimate(estimate)) for estimate in estimates])
     return np.array_equal(again, record[ESTIMATE].values, equal_nan=True)
 
 

@@ -36,9 +36,9 @@ class CorridorJudge:
         """Return the rows at some moments, (n, fields); call it in the order of time."""
         rows = []
         for number, tool in enumerate(moments.tools.tolist()):
-            now, offset = moments.motion(number), _NAN
-            place, tractor = self._tractor.offset(now.x_t, now.y_t)
-            _, trailer = self._trailer.offset(now.x_i, now.y_i)
+            (x_t, y_t, _, x_i, y_i), offset = moments.rows[number, 1:6].tolist(), _NAN
+            place, tractor = self._tractor.offset(x_t, y_t)
+            _, trailer = self._trailer.offset(x_i, y_i)
             if tool:
                 _, offset = self._tool.offset(*tool[:2])
                 offset = offset if tool[TOOL_LOWERED] == 1.0 else _NAN

@@ -74,11 +74,6 @@ cylinder, that to which the cylinder moves the wheel; then the commands under wa
 class CommandPath(Protocol):
     """Way from a command to the set points, with or without faults; its state is its own."""
 
-    @property
-    def passive(self) -> bool:
-        """Whether every command is a set point at once."""
-        ...
-
     def start(self, hp: float) -> Any:  # noqa: ANN401 - a state of its own
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
 

@@ -96,8 +96,6 @@ class FaultyActuators:
         stops: front and trailer steering angle at the stops [rad].
     """
 
-    passive = False
-
     def __init__(
         self,
         path: CommandPath,

@@ -135,6 +135,8 @@ class Publisher(Sink, ABC):
     to `_send` before it calls this constructor.
     """
 
+    draws = True
+
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
         self._templates = {each.topic: row_template(each) for each in _with_error(channels)}
         self._topics = [each.topic for each in channels]

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ttempc.jit import cached_njit
-from ttempc.layout import Innovations
-from ttempc.types import ControlStep, Diagnostics, Estimate, FloatArray, Sensor, TubeReport
+from ttempc.layout import ESTIMATE as ESTIMATE_TYPE
+from ttempc.layout import TICK
+from ttempc.types import FloatArray, Sensor
 
 from ..sensing.sensors import COMPONENTS
 from ..truth import WHEELS
@@ -58,7 +59,7 @@ STATE: Final = Channel(
     "/state",
     "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds, and the "
     "set points of the servos behind dead time, dead band and play",
-    (*_POSES, *_BEYOND, *(f"{name}_set_point" for name in _INPUTS)),  # as `Motion`
+    (*_POSES, *_BEYOND, *(f"{name}_set_point" for name in _INPUTS)),  # as `MOTION`
 )
 REFERENCE: Final = Channel(
     "/reference",
@@ -264,63 +265,41 @@ def _spread(
     return used
 
 
-def estimate_row(estimate: Estimate) -> FloatArray:
-    """Return the row of `ESTIMATE`."""
-    state, of = estimate.state, estimate.innovations
-    if isinstance(of, Innovations):
-        squares = of.rows[:, 1:3]
-    else:
-        squares = np.array([item[1:3] for item in of], dtype=float).reshape(-1, 2)
-    # A sample that the filter could not weigh, such as one that is not finite, has none.
-    nis_and_dof = np.add.reduce(squares[squares[:, 0] < math.inf])
-    return np.concatenate(
-        [
-            state[:3],
-            estimate.trailer_xy,
-            state[3:],
-            (estimate.hitch_angle,),
-            np.sqrt(estimate.covariance.diagonal()),
-            estimate.disturbance,
-            estimate.map_disturbance,
-            nis_and_dof,
-        ]
-    )
+_PLACES: Final = {
+    name: (ESTIMATE_TYPE.fields or {})[name][1] // 8 for name in ESTIMATE_TYPE.names or ()
+}
+_FROM_ESTIMATE: Final = np.array(
+    [
+        *range(_PLACES["state"], _PLACES["state"] + 3),
+        *range(_PLACES["trailer_xy"], _PLACES["trailer_xy"] + 2),
+        *range(_PLACES["state"] + 3, _PLACES["state"] + 7),
+        _PLACES["hitch_angle"],
+        *range(_PLACES["covariance"], _PLACES["covariance"] + 49, 8),  # its diagonal
+        *range(_PLACES["disturbance"], _PLACES["disturbance"] + 9),  # and the map's
+        _PLACES["nis"],
+        _PLACES["nis_dof"],
+    ]
+)
+_SDS: Final = slice(10, 17)
 
 
-def control_row(step: ControlStep, bounds: FloatArray) -> FloatArray:
-    """Return the row of `CONTROL`; `bounds` (2, 3) are the smallest and largest command."""
-    of, command = step.diagnostics, step.command
-    row = np.empty((len(_INPUTS), len(_ACTIONS)))
-    row[:, 0], row[:, 1], row[:, 2] = of.feedforward, of.feedback, of.robust
-    row[:, 3] = row[:, 0] + row[:, 1] + row[:, 2]
-    row[:, 4] = command.delta_t, command.delta_i, command.hp
-    row[:, 5:7], row[:, 7] = bounds.T, of.limited
-    return row.ravel()
-
-
-def tracking_row(diagnostics: Diagnostics) -> FloatArray:
-    """Return the row of `TRACKING`."""
-    row = np.empty(len(TRACKING.fields))
-    row.fill(NAN)
-    if diagnostics.tracking_error is not None:
-        row[:7] = diagnostics.tracking_error
-    if diagnostics.modelling_error is not None:
-        row[7:] = diagnostics.modelling_error
+def estimate_row(record: FloatArray) -> FloatArray:
+    """Return the row of `ESTIMATE` of a record `ttempc.layout.ESTIMATE`."""
+    row = record[_FROM_ESTIMATE]
+    row[_SDS] = np.sqrt(row[_SDS])
     return row
 
 
-def tube_row(report: TubeReport) -> FloatArray:
-    """Return the row of `TUBE`."""
-    head = float(report.inside), report.margin
-    return np.concatenate([head, report.nominal, report.half_width])
+def _columns(name: str, channel: Channel) -> slice:
+    begin = (TICK.fields or {})[name][1] // 8
+    return slice(begin, begin + len(channel.fields))
 
 
-def solver_row(diagnostics: Diagnostics) -> tuple[float, ...]:
-    """Return the row of `SOLVER`."""
-    of, fallback = diagnostics.solver, float(bool(diagnostics.fallback))
-    if of is None:
-        return NAN, NAN, NAN, NAN, fallback
-    return float(of.accepted), float(of.iterations), of.primal_residual, of.dual_residual, fallback
+CONTROL_COLUMNS: Final = _columns("control", CONTROL)
+"""Place of the row of `CONTROL` in a record `ttempc.layout.TICK`, which has it as it is logged."""
+TRACKING_COLUMNS: Final = _columns("tracking", TRACKING)
+TUBE_COLUMNS: Final = _columns("tube", TUBE)
+SOLVER_COLUMNS: Final = _columns("solver", SOLVER)
 
 
 def in_frame(error: FloatArray, heading: FloatArray) -> tuple[FloatArray, FloatArray]:

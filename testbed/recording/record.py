@@ -148,6 +148,8 @@ class Sink:
     numbers of the rows. Arrays belong to the sender; a sink copies what it keeps.
     """
 
+    draws = False  # whether it has a use for scenes and paths
+
     def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Receive rows: times (n,) [s] and one number per field of the channel, (n, fields).
 
@@ -180,6 +182,7 @@ class Tee(Sink):
 
     def __init__(self, *sinks: Sink) -> None:
         self._sinks = sinks
+        self.draws = any(sink.draws for sink in sinks)
 
     def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Pass on rows."""

@@ -20,7 +20,7 @@ from ttempc.types import FloatArray, Sensor
 
 from ..discretisation import delay_steps, whole_steps
 from ..randomness import generator
-from ..truth import ANTENNA_COLUMNS, Motion
+from ..truth import ANTENNA_COLUMNS, MOTION
 from .sensor_errors import Correlated, ErrorSource, HeavyTailed, White
 from .sensor_specification import ImuSpecification, SensorSpecification
 
@@ -56,7 +56,7 @@ _IMUS: Final = {  # bodies in the order of the antennas
     Sensor.IMU_TRAILER: ("yaw_rate_i", "roll_i", "pitch_i"),
 }
 _POINTS: Final = {Sensor.GNSS_TRACTOR: ("x_t", "y_t"), Sensor.GNSS_TRAILER: ("x_i", "y_i")}
-_YAWS: Final = tuple(Motion._fields.index(name) for name in ("psi_t", "psi_i"))
+_YAWS: Final = tuple(map(MOTION.index, ("psi_t", "psi_i")))
 
 _SENSOR: Final = np.dtype(
     [
@@ -64,7 +64,7 @@ _SENSOR: Final = np.dtype(
         ("every", "i8"),  # physics steps from sample to sample
         ("delay", "i8"),  # physics steps from sample to delivery
         ("length", "i8"),  # components
-        ("columns", "i8", 3),  # of the components in a row of `TRUTH`
+        ("columns", "i8", 3),  # of the components in a row of `Moments`
         ("resolution", "f8", 3),  # of each component
         ("corrects", "i8"),  # body whose attitude corrects the sample; -1: none
     ]
@@ -118,7 +118,7 @@ class SensorSuite:
         A sample bears the time at which it was taken, whatever its latency.
 
         Args:
-            truths: rows of `TRUTH` (n, TRUTH_SIZE), in the order of time; no moment is left out.
+            truths: rows of `Moments` (n, TRUTH_SIZE), in the order of time; no moment is left out.
             first: physics step of the first one.
             stride: physics steps from one to the next.
 
@@ -271,8 +271,8 @@ def _take(
 
 
 def _columns(*names: str) -> tuple[int, ...]:
-    """Return the columns of the state in a row of `TRUTH`."""
-    return tuple(Motion._fields.index(name) for name in names)
+    """Return the columns of the state in a row of `Moments`."""
+    return tuple(map(MOTION.index, names))
 
 
 def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -> ErrorSource:

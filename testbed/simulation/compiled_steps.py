@@ -32,7 +32,7 @@ from ttempc.types import FloatArray
 from ..actuation.actuators import move_valves
 from ..ground.ground import Ground
 from ..implement.mounted import MountedImplement
-from ..implement.tool_kernel import tool_arguments, tool_step
+from ..implement.tool_kernel import tool_step
 from ..vehicle.steering_coupling import couple_joints
 from ..wheels.tyre_kernel import wheel_step
 from ..wheels.wheel_models import SoilWheels
@@ -156,8 +156,7 @@ def soil_steps(
     data: int,
     wheels: tuple[Any, ...],
     coupling: tuple[Any, ...],
-    tool: tuple[Any, ...],
-    has_tool: bool,
+    tool: tuple[Any, ...] | None,
     chassis: tuple[Any, ...],
     reaches: FloatArray,
     limits: FloatArray,
@@ -183,30 +182,23 @@ def soil_steps(
     last look at its clearance, and looks at joint limits only where one is passed.
 
     Args:
-        model: address of MuJoCo's model.
-        data: address of MuJoCo's data; positions and velocities are up to date before and after.
-        wheels: arguments of `wheel_step`.
-        coupling: arguments of `couple_joints`.
-        tool: arguments of `tool_step`.
-        has_tool: whether there is an implement.
-        chassis: arguments of `clearance`.
+        model, data: addresses; positions and velocities are up to date before and after.
+        wheels, coupling, chassis, moment: arguments of `wheel_step`, `couple_joints`, `clearance`,
+            and of `write_moment` from places on.
+        tool: arguments of `tool_step`, None without an implement.
         reaches: (nv,) largest distance by which a unit of each degree of freedom moves a point of
             the chassis, [m] or [m/m].
         limits: (n, 3) place in the positions, least and greatest value of each limited joint.
         looked: (nq + 1,) positions at the end of the last call, and the distance [m] that the
             chassis could then move without meeting the ground. It holds at these positions only.
-        moment: arguments of `write_moment` from places on, which are at 0; it has positions,
-            velocities and set points at 3, 4 and 6.
         flags: (1,) flags of MuJoCo's model by which parts are off, as found afterwards.
         unused: flags of the parts without use while no shape is near the ground and no limit is
             passed.
         clock: (1,) `clock()`; 0 meanwhile.
         timer: its value afterwards.
-        timestep: of the physics [s].
-        valves: (3, 4) of `move_valves`; (0, 4) where the set points are the command.
-        valve_state: of `move_valves`, changed in place.
+        timestep, time: of the physics, at the start [s].
+        valves, valve_state: of `move_valves`, (0, 4) where the set points are the command.
         command: (3,) held over the steps.
-        time: at the start [s].
         stride: number of physics steps to each stop.
         rows, poses, tools: arrays of `Moments`; one is written at each stop.
     """
@@ -227,7 +219,7 @@ def soil_steps(
                     ctrl[axis] = valve_state[4 + axis]
             wheel_step(*wheels)
             couple_joints(*coupling)
-            if has_tool:
+            if tool is not None:
                 tool_step(*tool)
             _step2(model, data)
             # The shapes are where they were before the step, the velocities those that moved them.
@@ -287,8 +279,7 @@ def compiled_steps(
         data._address,
         wheels.arguments,
         wheels.coupling,
-        implement.arguments if implement else _without_tool(model, data, ground),
-        implement is not None,
+        implement.arguments if implement else None,  # None: `tool_step` is not compiled
         chassis,
         _reaches(model, shapes),
         np.column_stack([model.jnt_qposadr[limited], within]),
@@ -316,12 +307,6 @@ def disable_flags(model: mujoco.MjModel) -> NDArray[np.int32]:
     if found.tolist() != [getattr(option, name) for name in names]:
         return np.zeros(1, dtype=np.int32)
     return found[-2:-1]
-
-
-def _without_tool(model: mujoco.MjModel, data: mujoco.MjData, ground: Ground) -> tuple[Any, ...]:
-    """Return arguments of the types of `tool_step`'s, so that there is one compiled version."""
-    law, offsets, work = np.zeros(12), np.zeros(0), np.zeros((0, 2))
-    return tool_arguments(model, data, ground, law, offsets, work, np.zeros(2), np.zeros((0, 3)))
 
 
 def _half_lengths(model: mujoco.MjModel, shape: int, ground: int) -> list[float]:

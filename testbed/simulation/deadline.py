@@ -1,15 +1,12 @@
-"""Deadline of a control step: commands that come late, and steps that never return."""
+"""Deadline of a control step that never returns."""
 
 import signal
 import threading
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from time import monotonic, thread_time
 from types import FrameType
-from typing import Final, Self
-
-from ttempc.types import Command
+from typing import Final
 
 STEP_LIMIT_S: Final = 60.0
 """Processor time after which a call of the guidance is ended; assumed: 300 control periods."""
@@ -64,31 +61,3 @@ class Deadline:
             raise TimeoutError(f"did not return within {self._limit_s:g} s of processor time")
         if passed_s > PATIENCE * self._limit_s:
             raise TimeoutError(f"did not return within {PATIENCE * self._limit_s:g} s")
-
-
-class CommandQueue:
-    """Commands on their way: each acts from its own physics step on, in the order of sending."""
-
-    def __init__(self) -> None:
-        self._commands: deque[tuple[int, Command]] = deque()
-
-    def send(self, command: Command, due: int) -> Self:
-        """Add a command that acts from physics step `due` on; the first one acts at once."""
-        self._commands.append((due, command))
-        return self
-
-    def spans(self, step: int, stops: int, stride: int) -> list[tuple[Command, int]]:
-        """Return the commands that act in the next `stops` strides of physics steps, and how many.
-
-        Steps must not go back. A command that comes due within a stride acts from the next one on.
-        """
-        commands, spans = self._commands, list[tuple[Command, int]]()
-        while stops:
-            while len(commands) > 1 and commands[1][0] <= step:
-                commands.popleft()
-            count = stops
-            if len(commands) > 1:
-                count = min(count, -(-(commands[1][0] - step) // stride))
-            spans.append((commands[0][1], count))
-            step, stops = step + count * stride, stops - count
-        return spans

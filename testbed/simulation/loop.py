@@ -55,9 +55,10 @@ def estimate(setup: SimulationSetup, tick: TickContext) -> None:
     setup.guidance.wait()  # the simulation is faster than real time: not a part of the step
     with setup.deadline:
         start = perf_counter_ns()
-        tick.estimate = setup.guidance.update(tick.motion.time_s, tick.samples)
+        tick.estimate = setup.guidance.update(tick.now.time_s, tick.samples)
         tick.estimator_ns = perf_counter_ns() - start
-    setup.sink.row(channels.ESTIMATE, tick.motion.time_s, channels.estimate_row(tick.estimate))
+    record = setup.guidance.estimate_record
+    setup.sink.row(channels.ESTIMATE, tick.now.time_s, channels.estimate_row(record))
 
 
 def control(setup: SimulationSetup, tick: TickContext) -> None:
@@ -68,24 +69,24 @@ def control(setup: SimulationSetup, tick: TickContext) -> None:
         tick.command = setup.guidance.step()
         tick.control_ns = perf_counter_ns() - start
     tick.waits = setup.guidance.reference_tick == tick.reference_tick
-    tick.control = setup.guidance.control_step
 
 
 def log_control(setup: SimulationSetup, tick: TickContext) -> None:
-    """Log the command and its diagnostics."""
-    assert tick.control is not None
-    diagnostics, time, sink = tick.control.diagnostics, tick.motion.time_s, setup.sink
-    sink.row(channels.CONTROL, time, channels.control_row(tick.control, setup.bounds))
-    sink.row(channels.TRACKING, time, channels.tracking_row(diagnostics))
-    sink.row(channels.SOLVER, time, channels.solver_row(diagnostics))
-    if diagnostics.tube is not None:
-        sink.row(channels.TUBE, time, channels.tube_row(diagnostics.tube))
-    if diagnostics.predicted_path is not None:
-        sink.path(PREDICTED_PATH_TOPIC, time, diagnostics.predicted_path[:, :2])
-        sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, diagnostics.predicted_path[:, 2:])
-    if diagnostics.learnt:
-        sink.event(Event(time, "info", LEARNT + ", ".join(diagnostics.learnt)))
-    fallback = diagnostics.fallback
+    """Log the record of the command."""
+    guidance, time, sink = setup.guidance, tick.now.time_s, setup.sink
+    record = guidance.tick_record
+    solver, tube = record[channels.SOLVER_COLUMNS], record[channels.TUBE_COLUMNS]
+    sink.row(channels.CONTROL, time, record[channels.CONTROL_COLUMNS])
+    sink.row(channels.TRACKING, time, record[channels.TRACKING_COLUMNS])
+    sink.row(channels.SOLVER, time, solver)
+    if not math.isnan(tube[0]):
+        sink.row(channels.TUBE, time, tube)
+    if sink.draws and (path := guidance.predicted_path()) is not None:
+        sink.path(PREDICTED_PATH_TOPIC, time, path[:, :2])
+        sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, path[:, 2:])
+    if guidance.learnt:
+        sink.event(Event(time, "info", LEARNT + ", ".join(guidance.learnt)))
+    fallback = guidance.diagnostics.fallback if solver[-1] else ""
     if fallback != tick.fallback:
         text = f"{REACTION}{fallback}" if fallback else REACTION_ENDED
         sink.event(Event(time, "warning" if fallback else "info", text))
@@ -102,15 +103,21 @@ def advance(setup: SimulationSetup, tick: TickContext) -> None:
         text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
         setup.sink.event(Event(tick.k * period_s, "warning", text))
         late = math.ceil(took_s / tick.timestep_s) if setup.realtime else 0
-    spans = tick.queue.send(tick.command, step + late).spans(step, steps // stride, stride)
+    queue, end = tick.commands, step + steps
+    queue.append((step + late, tick.command))
     start, parts = perf_counter_ns(), []
-    for command, count in spans:
-        parts.append(plant.drive(command, count, stride))
+    while step < end:  # a command acts from its physics step on, in the order of sending
+        while len(queue) > 1 and queue[1][0] <= step:
+            queue.popleft()
+        until = min(end, queue[1][0]) if len(queue) > 1 else end
+        count = -(-(until - step) // stride)  # one that comes due within a stride acts after it
+        parts.append(plant.drive(queue[0][1], count, stride))
+        step += count * stride
     tick.plant_ns = perf_counter_ns() - start
     moments = parts[0]
     if len(parts) > 1:
         moments = Moments(*map(np.concatenate, zip(*parts, strict=True)))
-    tick.drive_to(step + steps, moments)
+    tick.drive_to(end, moments)
 
 
 def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
@@ -134,29 +141,26 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
 
 def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the computation times of the period."""
-    assert tick.control is not None
-    report = tick.control.diagnostics.solver
     # A QP that was answered without the solver (time 0) has no time of one.
-    qp_us = 1e6 * report.solve_time_s if report and report.solve_time_s else channels.NAN
+    qp_us = 1e6 * setup.guidance.solve_time_s or channels.NAN
     plant_us = 1e-3 * tick.plant_ns / setup.control_steps
     row = (1e-3 * tick.estimator_ns, 1e-3 * tick.control_ns, qp_us, plant_us)
-    setup.sink.row(channels.TIMING, tick.motion.time_s, row)
+    setup.sink.row(channels.TIMING, tick.now.time_s, row)
 
 
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
-    now, limits = tick.motion, setup.termination
+    now, limits = tick.now, setup.termination
     step = tick.reference_step(tick.steps[-1], setup.control_steps)
-    x, y = setup.reference_row(step, now.x_t, now.y_t)[:2].tolist()
-    distance_m = math.hypot(now.x_t - x, now.y_t - y)
+    place = now.tractor[:2]
+    distance_m = math.dist(place, setup.reference_row(step, *place)[:2].tolist())
     slip = tick.slip.update(now, limits.stuck_time)
-    assert tick.control is not None
-    diagnostics = tick.control.diagnostics
+    guidance = setup.guidance
     stands = abs(now.speed) < limits.standing
-    if not diagnostics.stopping:
+    if not guidance.stopping:
         tick.stopping = None
     elif tick.stopping is None:
-        tick.stopping = now.time_s, diagnostics.fallback
+        tick.stopping = now.time_s, tick.fallback
     since_s, reason = tick.stopping or (-math.inf, "")
     stopping = bool(tick.stopping) and (stands or now.time_s - since_s <= limits.stop_time)
     tick.lost = check_termination(now, distance_m, setup.terrain, limits, slip, stopping=stopping)
@@ -230,7 +234,7 @@ def periods(
     """Do as `drive`, and pause before every `control`: an estimate is there, a command is not."""
     tick = TickContext(setup)
     for text in setup.notes:
-        setup.sink.event(Event(tick.motion.time_s, "info", text))
+        setup.sink.event(Event(tick.now.time_s, "info", text))
     log_truth(setup, tick)
     status: Literal["completed", "stopped", "lost", "invalid"] = "completed"
     failure: str | None = None
@@ -253,8 +257,7 @@ def periods(
             if failure:
                 break
             if setup.guidance.reference_tick >= ticks:
-                now = tick.motion
-                left_m = setup.behind_m(ticks * setup.control_steps, now.x_t, now.y_t)
+                left_m = setup.behind_m(ticks * setup.control_steps, *tick.now.tractor[:2])
                 if left_m <= setup.termination.deviation:
                     break
         else:
@@ -269,7 +272,7 @@ def periods(
             trace = "".join(traceback.format_exception(error.__cause__))
     finally:
         gc.unfreeze()
-    time = tick.motion.time_s
+    time = tick.now.time_s
     for text in filter(None, (failure, trace)):
         setup.sink.event(Event(time, "error", text))
     return Outcome(status, failure, time, 1e-9 * (perf_counter_ns() - start), trace)

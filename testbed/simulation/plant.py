@@ -15,7 +15,12 @@ import numpy as np
 
 from ttempc.types import Command, FloatArray
 
-from ..actuation.actuators import Actuators, ActuatorSpecification, CommandPath
+from ..actuation.actuators import (
+    Actuators,
+    ActuatorSpecification,
+    CommandPath,
+    move_valves,
+)
 from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
 from ..ground.soil import SoilMap
@@ -101,11 +106,12 @@ class Plant:
         )
         rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
         self._reader = TruthReader(model, data, self.wheels.output, rear_radius, self.implement)
-        self._steps = (
+        compiled = (
             compiled_steps(model, data, self.wheels, self.implement, self.ground, self._reader)
             if type(self.wheels) is SoilWheels  # a subclass may step in a way of its own
             else None
         )
+        self._steps: Callable[..., object] = compiled or self._python_steps
         # views of MuJoCo's arrays, bound once
         self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
@@ -155,37 +161,28 @@ class Plant:
         return self.truth()
 
     def advance(self, command: Command, steps: int) -> Truth:
-        """Hold a command for a number of physics steps.
-
-        Raises:
-            PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
-        """
+        """Return the state after a number of physics steps, as `drive`."""
         return self.drive(command, 1, steps).truth(0)
 
     def drive(self, command: Command, stops: int, stride: int) -> Moments:
         """Hold a command and return the state after every `stride` physics steps, `stops` times.
 
-        It is one compiled call, unless wheels or command path are of Python. The arrays are new
-        ones and the caller's own; `Moments.truth` is a view of them.
+        It is one compiled call, unless wheels or command path are of Python. The arrays are new.
 
         Raises:
             PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
         """
-        before, moments = self.data.time, self._reader.moments(stops)
-        actuators, stepped = self.actuators, self._steps
-        if stepped and isinstance(actuators, Actuators):
-            valves = actuators.axes[:0] if actuators.passive else actuators.axes
-            stepped(valves, self._valves, command.as_array(), before, stride, *moments)
-        elif stepped:
-            for stop in range(stops):
-                moment = [part[stop : stop + 1] for part in moments]
-                for _ in range(stride):
-                    self._move_valves(command)
-                    stepped(*_NO_VALVES, self.data.ctrl.copy(), self.data.time, 1, *moment)
+        before, moments, path = self.data.time, self._reader.moments(stops), self.actuators
+        if isinstance(path, Actuators):
+            valves = path.axes[:0] if path.passive else path.axes
+            self._steps(valves, self._valves, command.as_array(), before, stride, *moments)
         else:
-            for stop in range(stops):
-                self._run(stride, before_step=lambda: self._move_valves(command))
-                self._reader.put(moments, stop)
+            for step in range(stops * stride):
+                angles = map(self._qpos.item, self._steering_angles)
+                self._valves = path.step(self._valves, command, *angles)
+                stop, set_points = step // stride, np.array(path.set_points(self._valves))
+                moment = [part[stop : stop + 1] for part in moments]
+                self._steps(*_NO_VALVES, set_points, self.data.time, 1, *moment)
         self._check(before, stops * stride)
         return moments
 
@@ -250,39 +247,40 @@ class Plant:
         """Return the view of `moment`."""
         return self.moment().truth(0)
 
-    def _move_valves(self, command: Command) -> None:
-        """Advance the command path by one physics step."""
-        delta_t, delta_i = map(self.data.qpos.item, self._steering_angles)
-        self._valves = self.actuators.step(self._valves, command, delta_t, delta_i)
-        self.data.ctrl[:] = self.actuators.set_points(self._valves)
-
-    def _run(
+    def _python_steps(
         self,
-        steps: int,
-        before_step: Callable[[], None] | None = None,
+        valves: FloatArray,
+        valve_state: FloatArray,
+        command: FloatArray,
+        time: float,
+        stride: int,
+        *moment: FloatArray,
         after_step: Callable[[], None] | None = None,
     ) -> None:
-        """Step the physics; positions and velocities are up to date before and after.
+        """Do as `soil_steps`, with wheels of any model.
 
         A step is forces of the ground, accelerations and integration (mj_step2), positions and
         velocities (mj_step1): the same as mj_step with these forces in its middle.
         """
-        model, data, last = self.model, self.data, steps - 1
-        apply_forces, step1, step2 = self.wheels.step, mujoco.mj_step1, mujoco.mj_step2
-        work_soil = self.implement and self.implement.step
-        self.wheels.prepare()
-        for step in range(steps):
-            if before_step:
-                before_step()
-            apply_forces()
-            if work_soil:
-                work_soil()
-            step2(model, data)
-            if step == last:  # while contacts and their forces are of one step
-                self.wheels.report()
-            if after_step:
-                after_step()
-            step1(model, data)
+        model, data, last = self.model, self.data, stride - 1
+        data.ctrl[:] = command
+        for stop in range(len(moment[0])):
+            self.wheels.prepare()
+            for step in range(stride):
+                if valves.size:
+                    angles = map(self._qpos.item, self._steering_angles)
+                    move_valves(valves, valve_state, command, *angles)
+                    data.ctrl[:] = self.actuators.set_points(valve_state)
+                self.wheels.step()
+                if self.implement:
+                    self.implement.step()
+                mujoco.mj_step2(model, data)
+                if step == last:  # while contacts and their forces are of one step
+                    self.wheels.report()
+                if after_step:
+                    after_step()
+                mujoco.mj_step1(model, data)
+            self._reader.put(Moments(*moment), stop)
 
     def _check(self, before: float, steps: int) -> None:
         """Raise on divergence: MuJoCo itself resets on NaN and continues from time 0."""
@@ -324,7 +322,6 @@ class Plant:
     def _settle(self, x: float, y: float) -> None:
         """Let the vehicle settle on its tyres at (x, y), wheels locked, all motion damped."""
         data = self.data
-        data.ctrl[:] = 0.0
         fade = math.exp(-10.0 * self.model.opt.timestep)
 
         def brake() -> None:
@@ -335,10 +332,11 @@ class Plant:
 
         weight = -self.model.opt.gravity[2] * self.model.body_mass.sum()
         steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)
+        moment = self._reader.moments(1)
         mujoco.mj_step1(self.model, data)
         for _ in range(_SETTLE_CHUNKS):
             previous = self.wheels.output[:, Output.LOAD].copy()
-            self._run(steps, after_step=brake)
+            self._python_steps(*_NO_VALVES, np.zeros(3), 0.0, steps, *moment, after_step=brake)
             # on a slope the vehicle moves by millimetres until its treads are deflected
             sunk = data.qpos[2] - self.terrain.height(*data.qpos[:2])
             data.qpos[:3] = x, y, self.terrain.height(x, y) + sunk

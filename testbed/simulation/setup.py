@@ -1,6 +1,7 @@
 """Parts of a simulation, and what a control period hands from stage to stage."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -13,7 +14,7 @@ from ..ground.terrain import Terrain
 from ..recording.record import Sink
 from ..sensing.sensors import SensorSuite
 from ..truth import Moments, Truth
-from .deadline import CommandQueue, Deadline
+from .deadline import Deadline
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits
 
@@ -80,22 +81,25 @@ class SimulationSetup:
 class TickContext:
     """Data of one control period; a stage reads what earlier stages left and adds its own.
 
-    `truths`, `now` and `measurements` are views: they are made when someone asks for them.
+    `now` is the plant at the last of the `moments`, which are those since the previous tick, at
+    their physics `steps`. `measurements` and `control` are views, made
+    when someone asks for them.
     """
 
     def __init__(self, setup: SimulationSetup) -> None:
         self.k = 0  # control tick, counted
+        self._guidance = setup.guidance
         self.timestep_s = setup.plant.timestep_s  # physics step
         # physics steps from one moment to the next
         self.stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
         self.drive_to(0, setup.plant.moment())
         self.sensed(np.empty((0, SAMPLE)))
         self.estimate: Estimate | None = None
-        self.control: ControlStep | None = None
         # as it reaches the actuators; until then the previous one
         self.command: Command | None = None
         self.fallback = ""
-        self.queue = CommandQueue()
+        # physics step from which each of the commands under way acts; the first one acts now
+        self.commands: deque[tuple[int, Command]] = deque()
         self.slip = MeanSlip()
         self.lost: str | None = None
         self.stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
@@ -109,7 +113,7 @@ class TickContext:
         """Take over the moments up to a physics step, the last of them."""
         self.moments, count = moments, len(moments.rows)
         self.steps = range(step - (count - 1) * self.stride, step + 1, self.stride)
-        self.motion = moments.motion(-1)  # of the last moment
+        self.now: Truth = moments.truth(-1)
 
     def sensed(self, samples: FloatArray) -> None:
         """Take over the samples of the period as rows, see `ttempc.layout.SAMPLE`."""
@@ -133,14 +137,9 @@ class TickContext:
         self._measurements = samples
 
     @property
-    def truths(self) -> list[tuple[int, Truth]]:
-        """Physics steps and states of the plant since the previous tick."""
-        return [(step, self.moments.truth(n)) for n, step in enumerate(self.steps)]
-
-    @property
-    def now(self) -> Truth:
-        """The plant at the latest moment."""
-        return self.moments.truth(-1)
+    def control(self) -> ControlStep:
+        """The last command and its explanation."""
+        return self._guidance.control_step
 
     def reference_step(self, step: int, control_steps: int) -> int:
         """Return the physics step of the reference that belongs to one of this period."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..ground.terrain import Terrain
-from ..truth import Motion
+from ..truth import Truth
 from ..vehicle.vehicle import PlantVehicle
 
 _SHORTEST_WAY_M: Final = 1.0  # of the rims: a vehicle that stands does not slip
@@ -48,7 +48,7 @@ class MeanSlip:
     def __init__(self) -> None:
         self._ways: deque[tuple[float, float, float]] = deque()  # time, way of rims, of tractor
 
-    def update(self, now: Motion, window: float) -> float:
+    def update(self, now: Truth, window: float) -> float:
         """Return the mean slip of the last `window` seconds up to this state of the plant.
 
         It is 0 where the rims went less than a metre.
@@ -64,7 +64,7 @@ class MeanSlip:
 
 
 def check_termination(
-    now: Motion,
+    now: Truth,
     distance_m: float,
     terrain: Terrain,
     limits: TerminationLimits,
@@ -83,14 +83,11 @@ def check_termination(
         stopping: the supervisor has stopped the vehicle for `limits.stop_time` at most, or it
             stands: it may be far from its reference.
     """
-    for body, x, y, roll, pitch in (
-        ("tractor", now.x_t, now.y_t, now.roll_t, now.pitch_t),
-        ("trailer", now.x_i, now.y_i, now.roll_i, now.pitch_i),
-    ):
-        if max(abs(roll), abs(pitch)) > limits.tilt:
+    for body, at in (("tractor", now.tractor), ("trailer", now.trailer)):
+        if max(abs(at.roll), abs(at.pitch)) > limits.tilt:
             return f"roll-over of the {body}"
-        if not terrain.contains(x, y):
-            return f"the {body} left the field at ({x:.1f}, {y:.1f}) m"
+        if not terrain.contains(at.x, at.y):
+            return f"the {body} left the field at ({at.x:.1f}, {at.y:.1f}) m"
     if max(abs(now.beta), abs(now.delta_i)) > limits.fold:
         return f"jack-knife, drawbar at {math.degrees(now.beta):.0f} deg to the tractor"
     if slip > limits.stuck_slip and distance_m > limits.stuck_deviation:

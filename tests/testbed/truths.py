@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from proving_ground.testbed.truth import STATE_COLUMNS, Moments, Motion, Pose, Truth, Wheels
+from proving_ground.testbed.truth import STATE_COLUMNS, Moments, Pose, Truth, Wheels
 
 _LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -47,7 +47,7 @@ def moments(*truths):
         return np.concatenate([numbers, tool.depth, tool.draft, tool.side])
 
     def row(of):
-        motion = Motion(
+        motion = (
             *(of.time_s, of.tractor.x, of.tractor.y, of.tractor.yaw),
             *(of.trailer.x, of.trailer.y, of.trailer.yaw),
             *(of.tractor.z, of.tractor.pitch, of.tractor.roll),

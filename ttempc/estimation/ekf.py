@@ -51,6 +51,7 @@ from .filter import (
 )
 from .noise import ProcessNoise, SensorNoise
 
+_ESTIMATE_SIZE: Final = ESTIMATE.itemsize // 8
 _NOT_KNOWN: Final = np.full(len(Input), math.nan)
 
 
@@ -144,14 +145,23 @@ class ExtendedKalmanFilter:
         """
         rows = measurements if isinstance(measurements, np.ndarray) else sample_rows(measurements)
         held = _NOT_KNOWN if command is None else command.as_array()
+        estimate, innovations = self.observe(float(time_s), rows, held)
+        return estimate_view(estimate, Innovations(innovations))
+
+    def observe(
+        self, time_s: float, rows: FloatArray, command: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Do `update` on flat arrays; return `ESTIMATE` and rows (n, `INNOVATION`).
+
+        `rows` are samples (n, `SAMPLE`), `command` is NaN where none is known.
+        """
         self.reserve(len(rows))
-        estimate = np.empty(ESTIMATE.itemsize // 8)
-        innovations = np.zeros((len(rows), INNOVATION))
-        tick = float(time_s), held, estimate
+        estimate, innovations = np.empty(_ESTIMATE_SIZE), np.zeros((len(rows), INNOVATION))
+        tick = time_s, command, estimate
         if observe_filter(self.parameters, *self._state, rows, *tick, innovations) == COMPLETE:
             self.start()
             observe_filter(self.parameters, *self._state, rows[:0], *tick, innovations[:0])
-        return estimate_view(estimate, Innovations(innovations))
+        return estimate, innovations
 
     def reserve(self, rows: int) -> None:
         """Make space for the samples and the command of an update: an array that is full doubles.

@@ -12,7 +12,7 @@ case of motion 0.7 m/s, off.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final
@@ -21,13 +21,12 @@ import numpy as np
 
 from ..errors import InvalidTuning
 from ..jit import cached_njit
-from ..layout import ALARM, INNOVATION, SAMPLE, Innovations, sample_rows
+from ..layout import ALARM, INNOVATION, SAMPLE, measurements_of, sample_rows
 from ..models.augmented_state import SensorIndex
 from ..types import (
     Command,
     Estimate,
     FloatArray,
-    Innovation,
     Input,
     Measurement,
     Sensor,
@@ -700,17 +699,6 @@ _SENSORS: Final = tuple(Sensor)  # in the order of `SensorIndex`
 _NO_COMMAND: Final = np.full(len(Input), math.nan)
 
 
-def _rows(innovations: Sequence[Innovation]) -> FloatArray:
-    """Return what `observe_monitors` uses of innovations, rows (n, `INNOVATION`)."""
-    if isinstance(innovations, Innovations):
-        return innovations.rows
-    known = [item for item in innovations if item.sensor in _SENSORS]
-    rows = np.full((len(known), INNOVATION), math.nan)
-    rows[:, 0] = [_SENSORS.index(item.sensor) for item in known]
-    rows[:, 1:3] = np.reshape([item[1:3] for item in known], (-1, 2))
-    return rows
-
-
 class Monitors:
     """Runs detectors and keeps their alarms until the causes end.
 
@@ -746,32 +734,53 @@ class Monitors:
             if isinstance(detector, WarmingUp):
                 detector.warm_up()
 
-    def observe(self, observation: Observation) -> tuple[Alarm, ...]:
-        """Return the alarms that stand after the data of a tick, in the order of their begins."""
+    def observe(
+        self,
+        rows: FloatArray,
+        now: float,
+        sent: FloatArray,
+        innovations: FloatArray,
+        vehicle: Vehicle,
+        view: Callable[[], Estimate],
+    ) -> FloatArray:
+        """Take in the data of a tick and return the alarms that stand, rows (m, `ALARM`).
+
+        Args:
+            rows: samples (n, `SAMPLE`) that arrived since the tick before, of sensors that work.
+            now: time of the tick, from the first one [s].
+            sent: command of the period before (3,), NaN at the first tick.
+            innovations: rows (n, `INNOVATION`) of the estimate.
+            vehicle: present model parameters.
+            view: makes the estimate, for detectors of a user.
+        """
+        if vehicle is not self._vehicle:
+            self._vehicle, self._parameters = vehicle, monitor_parameters(vehicle)
+        if len(self._steps) == 1 and self._record.size:
+            self._watch(rows, now, sent, innovations)
+            return self._rows
+        command = None if math.isnan(sent[0]) else Command(*sent.tolist())
+        seen = Observation(now, measurements_of(rows), command, view(), vehicle)
         for detector in self._steps:
             names: tuple[str, ...] = (detector.name,)
             if isinstance(detector, BuiltIn):
-                self._observe(observation)
+                self._watch(sample_rows(seen.samples), now, sent, innovations)
                 names = _NAMES
             else:
-                detector.observe(observation)
+                detector.observe(seen)
                 if detector.statistic > detector.limit:
                     self._active.setdefault(detector.name, detector.alarm())
                 elif detector.statistic < _ENDS * detector.limit:
                     self._active.pop(detector.name, None)
             alarms = [alarm for name, alarm in self._active.items() if name in names]
-            samples = _without(observation.samples, alarms)
-            if samples is not observation.samples:
-                observation = replace(observation, samples=samples)
-        return tuple(self._active.values())
+            if unused := {sensor for alarm in alarms for sensor in alarm.unused}:
+                samples = [sample for sample in seen.samples if sample.sensor not in unused]
+                seen = replace(seen, samples=samples)
+        return np.array([[a.reaction, 0.0, 0.0, 0.0] for a in self.alarms]).reshape(-1, ALARM)
 
-    def _observe(self, now: Observation) -> None:
-        if now.vehicle is not self._vehicle:
-            self._vehicle, self._parameters = now.vehicle, monitor_parameters(now.vehicle)
-        command = _NO_COMMAND if now.command is None else now.command.as_array()
-        samples, innovations = sample_rows(now.samples), _rows(now.estimate.innovations)
-        tick = samples, now.time_s, command, innovations, self._rows
-        observe_monitors(self._parameters, self._record, *tick)
+    def _watch(
+        self, rows: FloatArray, now: float, sent: FloatArray, innovations: FloatArray
+    ) -> None:
+        observe_monitors(self._parameters, self._record, rows, now, sent, innovations, self._rows)
         if self._active or self._record[_STANDING_COUNT]:
             for index, row in enumerate(self._rows):
                 if row[0] < 0.0:
@@ -779,11 +788,20 @@ class Monitors:
                 elif _NAMES[index] not in self._active:
                     self._active[_NAMES[index]] = alarm_view(index, row)
 
-    def usable(self, samples: Sequence[Measurement]) -> Sequence[Measurement]:
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """The alarms that stand, in the order of their begins."""
+        return tuple(self._active.values())
+
+    def reason(self, row: int, numbers: FloatArray) -> str:
+        """Return the words of an alarm of `observe` from its row and its three numbers."""
+        if len(self._steps) == 1 and self._record.size:
+            return alarm_view(row, np.array([Reaction.SLOW, *numbers])).reason
+        return self.alarms[row].reason
+
+    def usable(self, rows: FloatArray) -> FloatArray:
         """Return the samples without those of sensors that an alarm rules out."""
-        return _without(samples, self._active.values())
-
-
-def _without(samples: Sequence[Measurement], alarms: Iterable[Alarm]) -> Sequence[Measurement]:
-    unused = {sensor for alarm in alarms for sensor in alarm.unused}
-    return [sample for sample in samples if sample.sensor not in unused] if unused else samples
+        if not self._active:
+            return rows
+        unused = [_SENSORS.index(s) for alarm in self._active.values() for s in alarm.unused]
+        return rows[~np.isin(rows[:, 1], unused)] if unused else rows

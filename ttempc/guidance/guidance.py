@@ -5,13 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
+from ..estimation.ekf import ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
-from ..layout import measurements_of, sample_rows
+from ..layout import (
+    ALARM,
+    ESTIMATE,
+    INNOVATION,
+    Innovations,
+    estimate_row,
+    estimate_view,
+    innovation_rows,
+    measurements_of,
+    sample_rows,
+)
 from ..learning.learner import Identifier, Learner, Learnt
 from ..learning.window import RecordedTick
 from ..reference.path import Path
@@ -24,6 +35,7 @@ from ..types import (
     Estimate,
     Estimator,
     FloatArray,
+    Input,
     Measurement,
     State,
     WarmingUp,
@@ -31,11 +43,14 @@ from ..types import (
 from ..vehicle import Vehicle
 from .controllers import EstimatorFactory, estimator_factory, make_controller
 from .dead_time import compensated, resume
-from .detection import Alarm, Detector, Monitors, Observation, Reaction, detectors
+from .detection import Alarm, Detector, Monitors, Reaction, detectors
 from .supervisor import SafetyLimits, Supervisor, user_part
 
 if TYPE_CHECKING:
     from ..tube.reference_tube import TubeDesign
+
+_PSI_T: Final = (ESTIMATE.fields or {})["state"][1] // 8 + State.PSI_T
+_HEADINGS: Final = slice(_PSI_T, _PSI_T + 2)
 
 ControllerFactory = Callable[..., Controller]
 """Makes a controller from vehicle, reference and control period [s], options as keywords."""
@@ -231,12 +246,16 @@ class Guidance:
         if isinstance(detect, bool):
             detect = detectors() if detect else ()
         self._monitors = Monitors(detect)
-        self.alarms: tuple[Alarm, ...] = ()  # of the detectors, since the last update
+        self._alarms = np.zeros((0, ALARM))  # of the detectors, since the last update
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
-        self._estimate: Estimate | None = None
+        self._row = np.empty(0)  # record `ESTIMATE` of the last update
+        self._innovations = np.empty((0, INNOVATION))  # of it
+        self._view: Estimate | None = None  # of both, once somebody has looked
         self._stale = 0  # steps since the last update
-        self._control_step: ControlStep | None = None
+        self._sent = np.full(len(Input), math.nan)  # the last command
+        self._control_step: ControlStep | None = None  # the view of it
+        self.learnt: tuple[str, ...] = ()  # model parameters that act from the last step on
 
     @property
     def space_based(self) -> bool:
@@ -254,6 +273,35 @@ class Guidance:
         return self._monitors.detectors
 
     @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """Alarms of the detectors that stand since the last update, the oldest first."""
+        return self._monitors.alarms
+
+    @property
+    def estimate_record(self) -> FloatArray:
+        """Record `ttempc.layout.ESTIMATE` of the last update."""
+        return self._row
+
+    @property
+    def tick_record(self) -> FloatArray:
+        """Record `ttempc.layout.TICK` of the last step; `diagnostics` is its view."""
+        return self._supervisor.tick
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the supervisor stops the vehicle, or holds it at rest."""
+        return self._supervisor.stopping
+
+    @property
+    def solve_time_s(self) -> float:
+        """Time of the last step's solver as it reports it [s]; 0 where none was needed."""
+        return self._supervisor.solve_time_s
+
+    def predicted_path(self) -> FloatArray | None:
+        """Return `Diagnostics.predicted_path` of the last step; call it before `prepare`."""
+        return self._supervisor.predicted_path()
+
+    @property
     def control_step(self) -> ControlStep:
         """Command and diagnostics of the last `step`.
 
@@ -261,7 +309,10 @@ class Guidance:
             GuidanceFailed: there was no step yet.
         """
         if self._control_step is None:
-            raise GuidanceFailed("control_step: call step() first")
+            if not self.tick:
+                raise GuidanceFailed("control_step: call step() first")
+            diagnostics = replace(self._supervisor.diagnostics(), learnt=self.learnt)
+            self._control_step = ControlStep(Command(*self._sent.tolist()), diagnostics)
         return self._control_step
 
     @property
@@ -316,8 +367,7 @@ class Guidance:
             InvalidTime: `time_s` is not finite or before that of the last update.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
-        if isinstance(measurements, np.ndarray):
-            measurements = measurements_of(measurements)
+        rows = measurements if isinstance(measurements, np.ndarray) else sample_rows(measurements)
         if not math.isfinite(time_s):
             raise InvalidTime(f"update: time_s = {time_s}, must be finite")
         if self._origin_s is None:
@@ -330,19 +380,21 @@ class Guidance:
                 f"update: time_s = {time_s} is {self._time_s - now:g} s before the last update"
             )
         if origin:
-            measurements = [replace(item, time_s=item.time_s - origin) for item in measurements]
-        usable = self._monitors.usable(measurements)
-        sent = None if self._control_step is None else self._control_step.command
+            rows = rows - np.array([origin, 0.0, 0.0, 0.0, 0.0])
+        usable = self._monitors.usable(rows)
         self._exchange()
-        estimate = self._run_estimator(now, usable, sent)
-        self._time_s, self._estimate, self._stale = now, estimate, 0
-        psi_t, psi_i = estimate.state[State.PSI_T : State.DELTA_T].tolist()
-        observation = Observation(now, measurements, sent, estimate, self.vehicle)
-        self.alarms = self._monitors.observe(observation)
-        if any(alarm.reaction > Reaction.GO_ON for alarm in self.alarms):
+        self._view = None
+        self._observe(now, usable)
+        self._time_s, self._stale = now, 0
+        self._alarms = alarms = self._monitors.observe(
+            rows, now, self._sent, self._innovations, self.vehicle, self._seen
+        )
+        if alarms.size and alarms[:, 0].max() > Reaction.GO_ON:
             self._learner.forget()
-        self._learner.record(self.tick, now, sample_rows(usable), sent, (psi_t, psi_i))
-        return replace(estimate, time_s=estimate.time_s + origin) if origin else estimate
+        self._learner.record(self.tick, now, usable, self._sent, *self._row[_HEADINGS].tolist())
+        return (
+            replace(self._seen(), time_s=self._seen().time_s + origin) if origin else self._seen()
+        )
 
     def step(self) -> Command:
         """Return the command for the period that starts at the time of the last `update`.
@@ -354,32 +406,42 @@ class Guidance:
             GuidanceFailed: `update` was not called yet.
             ControllerFailed: the controller raised, or returned no usable step.
         """
-        if self._estimate is None:
+        if self._origin_s is None:
             raise GuidanceFailed("step: call update(time_s, measurements) first")
         # Without an update no time has passed by the clock; a period has for the vehicle.
+        row = None if self._stale else self._row
+        now = self._time_s + self._stale * self.period_s
         self._stale += 1
-        estimate = self._estimate if self._stale == 1 else None
-        now = self._time_s + (self._stale - 1) * self.period_s
-        step = self._supervisor.step(estimate, self.reference_tick, now, self.alarms)
-        if self._learnt:
-            step = replace(step, diagnostics=replace(step.diagnostics, learnt=self._learnt))
-            self._learnt = ()
-        self._control_step = step
+        self._sent = self._supervisor.drive(
+            row, self.reference_tick, now, self._alarms, self._monitors.reason, self._seen
+        )
+        self.learnt, self._learnt, self._control_step = self._learnt, (), None
         self.tick += 1
         self.reference_tick += not self._supervisor.waits
-        return step.command
+        return Command(*self._sent.tolist())
 
-    def _run_estimator(
-        self, time_s: float, measurements: Sequence[Measurement], command: Command | None
-    ) -> Estimate:
-        with user_part(EstimatorFailed, f"the estimator raised at {time_s:.3f} s"):
-            estimate: object = self._estimator.update(time_s, measurements, command)
+    def _observe(self, now: float, rows: FloatArray) -> None:
+        """Run the estimator; a user's gets objects, and its estimate is copied into the record."""
+        filter_ = self._estimator
+        if type(filter_) is ExtendedKalmanFilter:
+            self._row, self._innovations = filter_.observe(now, rows, self._sent)
+            return
+        sent = Command(*self._sent.tolist()) if self.tick else None
+        with user_part(EstimatorFailed, f"the estimator raised at {now:.3f} s"):
+            estimate: object = filter_.update(now, measurements_of(rows), sent)
         if not isinstance(estimate, Estimate):
             raise EstimatorFailed(
-                f"the estimator returned {type(estimate).__name__} at {time_s:.3f} s, must be an "
+                f"the estimator returned {type(estimate).__name__} at {now:.3f} s, must be an "
                 "Estimate"
             )
-        return estimate
+        self._view, self._row = estimate, estimate_row(estimate)
+        self._innovations = innovation_rows(estimate.innovations)
+
+    def _seen(self) -> Estimate:
+        """Return the view of the present estimate."""
+        if self._view is None:
+            self._view = estimate_view(self._row, Innovations(self._innovations))
+        return self._view
 
     def _exchange(self) -> None:
         try:
@@ -401,7 +463,7 @@ class Guidance:
         if parts.controller is None:
             notes.append("the controller was given as an object and stays as it is")
         else:
-            sent = [*learnt.sent, self.control_step.command]
+            sent = [*learnt.sent, Command(*self._sent.tolist())]
             resume(parts.controller, self._controller, sent)
             self._controller, self.reference = parts.controller, parts.reference
             self._supervisor.exchange(parts.controller, parts.reference)

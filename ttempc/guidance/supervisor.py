@@ -234,6 +234,7 @@ class Supervisor:
         guard["held"], guard["alarm_s"] = -1.0, -math.inf
         self._held = ""  # reason of the stop that is held
         self._told: Diagnostics | None = None  # by the controller at this tick
+        self._asked: TrackingController | None = None  # at this tick
         self._sample = 0  # of the reference, of the controller at this tick
         self._reasons: Callable[[int, FloatArray], str] = _Given(())
         self._alarms: FloatArray = np.zeros((0, ALARM))
@@ -341,6 +342,7 @@ class Supervisor:
             sample = round(self._projection.place(*estimate[1:3].tolist()))
         mode = decide(sample, now, fresh, estimate, alarms, course, guard, tick)
         self._told, self._sample, self._alarms, self._reasons = None, k, alarms, reasons
+        self._asked = self._law if mode in (DRIVE, ON_PATH) else None
         record = guard.view(GUARD)[0]
         held = int(record["held"])
         if held < 0:
@@ -369,13 +371,30 @@ class Supervisor:
         control = tick.view(TICK)[0]["control"]
         control[:, 4], control[:, 7] = _numbers(step.command, k), step.diagnostics.limited
 
+    @property
+    def stopping(self) -> bool:
+        """Whether the last step stops the vehicle, or holds it at rest."""
+        return bool(self.tick[_STOPPING])
+
+    @property
+    def solve_time_s(self) -> float:
+        """Time of the last step's solver as it reports it [s]; 0 where none was needed."""
+        asked = self._asked
+        report = self._told.solver if self._told else asked and asked.feedback.report
+        return report.solve_time_s if report else 0.0
+
+    def predicted_path(self) -> FloatArray | None:
+        """Return `Diagnostics.predicted_path` of the last step."""
+        if self._told or not self._asked:
+            return self._told.predicted_path if self._told else None
+        return self._asked.feedback.predicted_path(self._sample)
+
     def diagnostics(self) -> Diagnostics:
         """Return the view of the record of the last step."""
         t = self.tick.view(TICK)[0]
         told = self._told
         if told is None:
-            asked = self._law is not None and t["mode"] in (DRIVE, ON_PATH)
-            told = self._law.view(self._sample, self.tick) if self._law and asked else _NOTHING
+            told = self._asked.view(self._sample, self.tick) if self._asked else _NOTHING
         control, error = t["control"], t["tracking"][:7]
         return replace(
             told,
@@ -446,6 +465,7 @@ class _Given:
 
 _NO_ESTIMATE: Final[FloatArray] = np.full(ESTIMATE.itemsize // 8, math.nan)
 _NOTHING: Final = Diagnostics()
+_STOPPING: Final = (TICK.fields or {})["stopping"][1] // 8
 _COMMAND: Final = [item.name for item in fields(Command)]
 _CUTS: Final = {
     CUT_NOT_FINITE: "not finite",

@@ -359,7 +359,7 @@ class ArticulatedLaw(FeedbackLaw):
         memory = self._memory.view(MEMORY)[0]
         memory["last"] = memory["made"] = memory["planned"] = -2.0
         self._kept = np.zeros(_M + len(horizon.stages.matrix))
-        self._report: SolverReport | None = None  # of the last QP that a solver answered
+        self.report: SolverReport | None = None  # of the last QP that a solver answered
         self._last: tuple[FloatArray, FloatArray] | None = None  # estimate and command, of a step
 
     @property
@@ -395,10 +395,10 @@ class ArticulatedLaw(FeedbackLaw):
         outcome = propose(
             k, row, sent, self.law, stages, work, self._memory, self._kept, tick, mpc.most
         )
-        self._last, self._report = (row, sent), None
+        self._last, self.report = (row, sent), None
         if outcome < 0:
-            self._report, excess = mpc.answer(k, outcome)
-            report, record = self._report, tick.view(TICK)[0]
+            self.report, excess = mpc.answer(k, outcome)
+            report, record = self.report, tick.view(TICK)[0]
             record["solver"][:4] = (
                 report.accepted,
                 report.iterations,
@@ -418,16 +418,19 @@ class ArticulatedLaw(FeedbackLaw):
         at = np.asarray(ticks, dtype=int)
         return self.path.less(at, self.horizon.outputs(at, plans))
 
+    def predicted_path(self, k: int) -> FloatArray:
+        return self.path.less(k, self.horizon.planned(k, self.mpc.work))
+
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""
         t = tick.view(TICK)[0]
-        report = self._report or SolverReport("solved", True, int(t["solver"][1]), 0.0, 0.0, 0.0)
+        report = self.report or SolverReport("solved", True, int(t["solver"][1]), 0.0, 0.0, 0.0)
         modelling, tube = t["tracking"][7:], t["tube"]
         return Diagnostics(
             feedback=t["control"][:, 1].copy(),
             robust=t["control"][:, 2].copy(),
             modelling_error=None if np.isnan(modelling[0]) else modelling.copy(),
-            predicted_path=self.path.less(k, self.horizon.planned(k, self.mpc.work)),
+            predicted_path=self.predicted_path(k),
             solver=report,
             fallback=WORDS[int(t["law"])].format(report.status),
             tube=None

@@ -10,7 +10,17 @@ import numpy as np
 
 from ..layout import ESTIMATE, TICK, estimate_row, new_tick
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
-from ..types import Command, ControlStep, Diagnostics, Estimate, FloatArray, Input, Resuming, State
+from ..types import (
+    Command,
+    ControlStep,
+    Diagnostics,
+    Estimate,
+    FloatArray,
+    Input,
+    Resuming,
+    SolverReport,
+    State,
+)
 from ..vehicle import CommandLimits, Vehicle
 
 _WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
@@ -45,6 +55,11 @@ class FeedbackLaw:
         told = self.step(k, view(), sent)
         write_told(told, tick)
         return told
+
+    report: SolverReport | None = None  # of the last QP that a solver answered, where `act` is None
+
+    def predicted_path(self, k: int) -> FloatArray | None:
+        """Return that of the view of the record of tick `k`."""
 
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of tick `k` where `act` has returned None."""

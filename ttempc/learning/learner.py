@@ -144,16 +144,18 @@ class Learner(Generic[_Parts]):
         k: int,
         time_s: float,
         samples: FloatArray,
-        command: Command | None,
-        headings: tuple[float, float],
+        command: FloatArray,
+        psi_t: float,
+        psi_i: float,
     ) -> None:
         """Record what the estimator received at tick `k`, and begin an attempt where one is due.
 
-        `samples` are rows (n, 5) of `SAMPLE` in the order of arrival.
+        `samples` are rows (n, 5) of `SAMPLE` in the order of arrival, `command` is that of the
+        period before (3,), NaN where there was none; then the estimated headings [rad].
         """
         if not self._identifiers:
             return
-        self._recorder.append(time_s, samples, command, headings)
+        self._recorder.append(time_s, samples, command, psi_t, psi_i)
         if self._window is not None:
             if self._work().done.is_set() and k >= self._due - 1:
                 self._catch_up()

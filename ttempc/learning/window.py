@@ -17,7 +17,7 @@ TIME, COMMAND, HEADINGS, SAMPLES = 0, slice(1, 4), slice(4, 6), 6
 estimated yaw of tractor and trailer [rad], and the number of samples up to the end of the tick."""
 
 _TICK: Final = 7
-_NO_COMMAND: Final = (math.nan, math.nan, math.nan)
+_NO_COMMAND: Final = np.full(3, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,8 @@ class Window(Sequence[RecordedTick]):
             return window
         recorder = Recorder(len(window))
         for tick in window:
-            recorder.append(tick.time_s, sample_rows(tick.samples), tick.command, tick.headings)
+            command = _NO_COMMAND if tick.command is None else tick.command.as_array()
+            recorder.append(tick.time_s, sample_rows(tick.samples), command, *tick.headings)
         return recorder.since(0)
 
     def __len__(self) -> int:
@@ -83,17 +84,19 @@ class Recorder:
         self,
         time_s: float,
         samples: FloatArray,
-        command: Command | None,
-        headings: tuple[float, float],
+        command: FloatArray,
+        psi_t: float,
+        psi_i: float,
     ) -> None:
-        """Record a tick; `samples` are rows (n, 5) of `SAMPLE` in the order of arrival."""
+        """Record a tick: samples (n, `SAMPLE`) in the order of arrival, command (3,), headings."""
         end = self._all_samples + len(samples)
         if self.count - self._first == len(self._ticks) or end - self._first_sample > len(
             self._samples
         ):
             self._make_room(len(samples))
-        sent = (command.delta_t, command.delta_i, command.hp) if command else _NO_COMMAND
-        self._ticks[self.count - self._first] = (time_s, *sent, *headings, end)
+        tick = self._ticks[self.count - self._first]
+        tick[TIME], tick[COMMAND], tick[HEADINGS] = time_s, command, (psi_t, psi_i)
+        tick[SAMPLES] = end
         start = self._all_samples - self._first_sample
         self._samples[start : start + len(samples)] = samples
         self.count, self._all_samples = self.count + 1, end

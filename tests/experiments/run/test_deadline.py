@@ -11,29 +11,9 @@ from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.deadline import CommandQueue, Deadline
+from proving_ground.testbed.simulation.deadline import Deadline
 
 from ttempc.types import Command
-
-
-def test_commands_act_from_their_steps_on_and_never_overtake():
-    queue = CommandQueue()
-    first, late, prompt = (Command(0.0, 0.0, hp) for hp in (0.1, 0.2, 0.3))
-    queue.send(first, 50)
-    assert queue.spans(0, 1, 20) == [(first, 1)]
-    queue.send(late, 230)
-    queue.send(prompt, 200)
-    assert queue.spans(100, 9, 20) == [(first, 7), (prompt, 2)]
-
-
-def test_commands_that_come_due_within_a_period_split_it():
-    queue = CommandQueue()
-    first, late = Command(0.0, 0.0, 0.1), Command(0.0, 0.0, 0.2)
-    queue.send(first, 0)
-    assert queue.spans(0, 5, 20) == [(first, 5)]
-    queue.send(late, 150)
-    assert queue.spans(100, 5, 20) == [(first, 3), (late, 2)]
-    assert queue.spans(200, 5, 20) == [(late, 5)]
 
 
 def busy():

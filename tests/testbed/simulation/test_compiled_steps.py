@@ -22,7 +22,7 @@ def rough_slope(seed, letter="E", slope=0.15):
 
 def arguments(plant):
     """Return shapes' clearance arguments and the reaches of the degrees of freedom."""
-    return plant._steps.args[6], plant._steps.args[7]
+    return plant._steps.args[5], plant._steps.args[6]
 
 
 def pair(ground, **options):
@@ -30,7 +30,7 @@ def pair(ground, **options):
     plants = [Plant(SMALL, ground, SOIL, **options) for _ in range(2)]
     for plant in plants:
         plant.reset(-5.0, 0.0, 0.2, 1.0)
-    plants[1]._steps = None
+    plants[1]._steps = plants[1]._python_steps
     return plants
 
 

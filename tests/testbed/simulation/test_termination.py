@@ -13,15 +13,14 @@ from proving_ground.testbed.simulation.termination import (
     check_termination,
 )
 
-from tests.testbed.truths import moments, truth
+from tests.testbed.truths import truth
 
 FIELD = flat(size_m=(80.0, 50.0))
 
 
 def verdict(state, reference=(0.0, 0.0), slip=0.0):
-    now = moments(state).motion(0)
-    distance_m = math.dist((now.x_t, now.y_t), reference)
-    return check_termination(now, distance_m, FIELD, TerminationLimits(), slip)
+    distance_m = math.dist(state.tractor[:2], reference)
+    return check_termination(state, distance_m, FIELD, TerminationLimits(), slip)
 
 
 def test_normal_driving_does_not_terminate():
@@ -49,9 +48,9 @@ def test_each_limit_terminates_with_its_reason(state, reason):
 
 def slips(speeds, period_s=0.2, window_s=5.0):
     """Return the mean slip at each moment, for pairs of rim and ground speed [m/s]."""
-    mean, level = MeanSlip(), moments(truth()).motion(0)
+    mean = MeanSlip()
     return [
-        mean.update(level._replace(time_s=k * period_s, rim_speed=rim, speed=speed), window_s)
+        mean.update(truth(time_s=k * period_s, rim_speed=rim, speed=speed), window_s)
         for k, (rim, speed) in enumerate(speeds)
     ]
 

@@ -18,6 +18,7 @@ from ttempc.guidance.detection import (
     _median,
     detectors,
 )
+from ttempc.layout import innovation_rows, measurements_of, sample_rows
 from ttempc.models.augmented_state import SensorIndex
 from ttempc.types import Command, Estimate, Innovation, Measurement, Sensor
 from ttempc.vehicle import Vehicle
@@ -34,6 +35,15 @@ def observation(k, samples=(), command=None, innovations=(), vehicle=VEHICLE):
     return Observation(k * PERIOD_S, samples, command, estimate, vehicle)
 
 
+def observed(monitors, seen):
+    """Return the alarms that stand after the data of an observation."""
+    sent = np.full(3, math.nan) if seen.command is None else seen.command.as_array()
+    innovations = innovation_rows(seen.estimate.innovations)
+    rows, view = sample_rows(seen.samples), lambda: seen.estimate
+    monitors.observe(rows, seen.time_s, sent, innovations, seen.vehicle, view)
+    return monitors.alarms
+
+
 class Watched(Monitors):
     """All built-in detectors, of which one is looked at."""
 
@@ -43,7 +53,7 @@ class Watched(Monitors):
 
     def alarm(self, *given, **named):
         """Return the alarm of that one after the data of a tick, None if there is none."""
-        alarms = self.observe(observation(*given, **named))
+        alarms = observed(self, observation(*given, **named))
         return next((alarm for alarm in alarms if alarm.detector == self.one.name), None)
 
 
@@ -72,7 +82,7 @@ class Given(Detector):
 
 def test_an_alarm_lasts_until_half_the_limit():
     monitors = Monitors([Given([3.9, 4.1, 5.0, 2.1, 1.9, 3.9])])
-    alarms = [monitors.observe(observation(k)) for k in range(6)]
+    alarms = [observed(monitors, observation(k)) for k in range(6)]
     assert [len(item) for item in alarms] == [0, 1, 1, 1, 0, 0]
     assert alarms[3][0].reason == "4.1"
 
@@ -84,16 +94,16 @@ def test_a_detector_of_ones_own_before_and_after_the_built_in_ones():
     after = Given([0.0] * 22, name="after")
     monitors = Monitors([before, *detectors(), after])
     for k in range(20):
-        monitors.observe(observation(k, readings(k, rng.normal(0.0, 0.01, 5))))
+        observed(monitors, observation(k, readings(k, rng.normal(0.0, 0.01, 5))))
     stuck = [*readings(20, [0.1] * 5), *readings(20, [1.0, 1.1], Sensor.ENCODER)]
-    assert [alarm.unused for alarm in monitors.observe(observation(20, stuck))] == [
+    assert [alarm.unused for alarm in observed(monitors, observation(20, stuck))] == [
         {Sensor.ENCODER},
         {Sensor.HITCH},
     ]
     assert len(before.seen[-1]) == 7
     assert not after.seen[-1]
-    assert not monitors.usable(stuck)
-    assert len(monitors.observe(observation(21, readings(21, [0.2])))) == 1
+    assert not len(monitors.usable(sample_rows(stuck)))
+    assert len(observed(monitors, observation(21, readings(21, [0.2])))) == 1
 
 
 def test_some_of_the_built_in_detectors_are_those_of_one_call():
@@ -101,7 +111,7 @@ def test_some_of_the_built_in_detectors_are_those_of_one_call():
     monitors = Monitors(views[DetectorIndex.STEERING :])
     for k in range(20):
         fresh = readings(k, rng.normal(0.0, 0.01, 5))
-        assert not monitors.observe(observation(k, fresh if k < 15 else readings(k, [0.1] * 5)))
+        assert not observed(monitors, observation(k, fresh if k < 15 else readings(k, [0.1] * 5)))
     assert 2.5 < views[SensorIndex.HITCH].statistic < views[SensorIndex.HITCH].limit
     with pytest.raises(InvalidTuning, match="detectors"):
         Monitors([views[0], detectors()[1]])
@@ -185,7 +195,7 @@ def test_a_drive_without_faults_is_silent():
         zip(drive.received, drive.estimates, strict=True)
     ):
         now = Observation(k * PERIOD_S, samples, command, estimate, VEHICLE)
-        assert not monitors.observe(now)
+        assert not observed(monitors, now)
 
 
 def readings(k, values, sensor=Sensor.HITCH):
@@ -198,17 +208,17 @@ def test_a_sensor_that_repeats_itself_is_not_used_until_it_changes():
     rng, monitors = np.random.default_rng(8), Monitors(detectors())
     for k in range(20):
         samples = readings(k, rng.normal(0.0, 0.01, 5))
-        assert not monitors.observe(observation(k, [*samples, *samples]))
+        assert not observed(monitors, observation(k, [*samples, *samples]))
     last = samples[-1].value[0]
-    assert not monitors.observe(observation(20, readings(20, [last, last])))
+    assert not observed(monitors, observation(20, readings(20, [last, last])))
     stuck = readings(21, [last])
-    (alarm,) = monitors.observe(observation(21, stuck))
+    (alarm,) = observed(monitors, observation(21, stuck))
     assert alarm.reaction is Reaction.GO_ON
     other = Measurement(4.2, Sensor.ENCODER, (1.0,))
-    assert list(monitors.usable([*stuck, other])) == [other]
+    assert measurements_of(monitors.usable(sample_rows([*stuck, other]))) == [other]
     changed = readings(22, [last + 1e-9])
-    assert not monitors.observe(observation(22, changed))
-    assert list(monitors.usable(changed)) == changed
+    assert not observed(monitors, observation(22, changed))
+    assert measurements_of(monitors.usable(sample_rows(changed))) == changed
 
 
 def valve(commands, time_s, lag=VEHICLE.steering_lag_t):
@@ -279,7 +289,7 @@ def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
             k, lambda t, k=k, s=stuck: valve(commands[: k + 1], t) if s is None else s, rng
         )
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        for alarm in monitors.observe(observation(k, samples, sent)):
+        for alarm in observed(monitors, observation(k, samples, sent)):
             first.setdefault(alarm.detector, ((k - 100) * PERIOD_S, alarm.reaction))
     assert 0.0 < first[standstill][0] <= 1.0 < first[follows][0]
     assert first[standstill][1] is Reaction.SLOW

@@ -66,6 +66,11 @@ def made(identifier):
     return Learner([identifier], Vehicle(), PERIOD_S, Builder())
 
 
+def sent(recorded):
+    """Return the command of a recorded tick, NaN where there was none."""
+    return np.full(3, np.nan) if recorded.command is None else recorded.command.as_array()
+
+
 def drive(learner, ticks, wait=True):
     """Return what was learnt by tick."""
     learnt = {}
@@ -76,14 +81,14 @@ def drive(learner, ticks, wait=True):
             learnt[k] = result
         recorded = tick(k, command=k > 0)
         rows = sample_rows(recorded.samples)
-        learner.record(k, recorded.time_s, rows, recorded.command, recorded.headings)
+        learner.record(k, recorded.time_s, rows, sent(recorded), *recorded.headings)
     return learnt
 
 
 def test_a_window_gives_back_what_was_recorded():
     recorder, ticks = Recorder(50), [tick(k, command=k > 0) for k in range(500)]
     for n, item in enumerate(ticks, 1):
-        recorder.append(item.time_s, sample_rows(item.samples), item.command, item.headings)
+        recorder.append(item.time_s, sample_rows(item.samples), sent(item), *item.headings)
         for since in (n - 50, n - 7, n):
             assert list(recorder.since(since)) == ticks[max(since, 0) : n]
     assert recorder.since(495)[-2:] == ticks[498:]
