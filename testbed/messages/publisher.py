@@ -234,10 +234,10 @@ class Publisher(Sink, ABC):
     def _publish_fixes(self, times_ns: TimesNs, measured: FloatArray) -> None:
         """Send the GNSS samples of measurement rows as fixes, stamped with their own time."""
         for topic, frame, columns in _GNSS:
-            samples = measured[:, columns]  # x, y, time
+            samples = measured[:, columns]  # x, y, status, time
             taken = ~np.isnan(samples[:, 0])
             if taken.any():
-                stamps = _nanoseconds(samples[taken, 2])
+                stamps = _nanoseconds(samples[taken, 3])
                 fixes = encode_fixes(frame, stamps, samples[taken, :2])
                 self._send(topic, times_ns[taken], fixes)
 

@@ -163,7 +163,7 @@ MONITORS: Final = np.dtype(
         # health, repetitions among them
         ("reading", "f8", (DetectorIndex.STEERING, 7)),
         ("positions", "f8", (2, 1 + 102, 3)),  # x, y [m] of a second, by receiver
-        ("differences", "f8", (2, _DIFFERENCES)),  # unsigned, of second order: a ring; by size [m]
+        ("differences", "f8", _DIFFERENCES),  # unsigned, of second order [m]: a ring
         ("difference_count", "f8"),  # of all so far
         ("sent", "f8", (1, 1 + 202, 3)),  # end and hydrostat position of each command
         ("plan", "f8", (1, 1 + 402, 3)),  # speed [m/s] without a sign
@@ -184,11 +184,11 @@ MONITORS: Final = np.dtype(
         # Sums above and below; residual; time at which a sum was above the limit; whether refuted
         ("intervals", "f8", (2, _INTERVALS, 5)),
         ("interval_count", "f8", 2),
-        ("windows", "f8", _INTERVALS + 1),  # workspace: means of the response
         # Largest sum and residual of the least of all intervals; of those that are not refuted
         ("least", "f8", (2, 2, 2)),
         ("steered_s", "f8"),  # last tick of the steering monitors
         ("innovations", "f8", (4, 1 + 102, 3)),  # sum of squares and entries of each tick
+        ("workspace", "f8", 102 * 101 // 2),  # slopes of a second; means of the response
     ]
 )
 """What the built-in detectors remember, a flat array of `MONITORS.itemsize // 8` entries."""
@@ -232,7 +232,8 @@ def no_alarms() -> FloatArray:
     return np.tile([-1.0, 0.0, 0.0, 0.0], (_COUNT, 1))
 
 
-_compiled: Final = cached_njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+# Nothing is allocated in these kernels: without counting references they compile faster.
+_compiled: Final = cached_njit(nogil=True, error_model="numpy", _nrt=False, no_rewrites=True)
 
 
 @_compiled
@@ -272,10 +273,9 @@ def _mean(history: FloatArray, begin_s: float, end_s: float) -> float:
 
 
 @_compiled
-def _median(values: FloatArray) -> float:
-    """Return the median of an array (n,), whose order changes: selection after Hoare (1961)."""
-    count, low, high = len(values), 0, len(values) - 1
-    middle = count // 2
+def _median(values: FloatArray, count: int) -> float:
+    """Return the median of `count` values, whose order changes: selection after Hoare (1961)."""
+    low, high, middle = 0, count - 1, count // 2
     while low < high:
         pivot, left, right = values[(low + high) // 2], low, high
         while left <= right:
@@ -297,7 +297,7 @@ def _median(values: FloatArray) -> float:
 
 
 @_compiled
-def observe_monitors(
+def _observe_speeds(
     parameters: FloatArray,
     monitors: FloatArray,
     rows: FloatArray,
@@ -306,56 +306,9 @@ def observe_monitors(
     innovations: FloatArray,
     alarms: FloatArray,
 ) -> None:
-    """Advance all built-in detectors by a tick, in place.
-
-    An alarm begins where a statistic exceeds its limit and ends where it falls below half of it.
-
-    Repetitions: the noise of a sensor that works changes every reading. The samples of a sensor are
-    not used while it repeats itself; the first other reading ends the alarm. Samples under an old
-    time stamp do not count. The statistic of a sensor that repeats readings in good health is 0.
-
-    Motion, wheels: the speed that the hydrostat's commands ask for, and that of the encoder, in the
-    mean of a second against the speed over ground in it. That is the slope of the positions over
-    time by Theil and Sen (Sen 1968, JASA 63): each axis has the median of the slopes between all
-    pairs, which a single outlier does not move; both receivers have their mean, without a sign. A
-    position farther from the last one than a vehicle goes is left out, for a second at most, as is
-    one of a time before it. The allowance holds for three standard deviations of the speed, as with
-    a noise of the positions of 10 cm. More noise makes the residual smaller and gives no alarm.
-
-    Sums are cumulative ones to both sides (Page 1954, Biometrika 41). They grow where the mean
-    residual r is above the allowance k, half of the shift to be detected:
-
-        g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k).
-
-    Steering: a measured angle against the response of the model to the commands, which has the rate
-    limit and the lag learnt so far. The dead time may not be learnt yet, or wrongly: each interval
-    of possible ones has a residual of its own, the distance of the mean sample of a tick from what
-    the response has covered in it, and a sum. A healthy valve agrees with one of the intervals for
-    good, a stuck valve with none: the statistic is the least of the sums [rad]. An interval that
-    the valve contradicts while it follows another is refuted for a minute, or until the valve moves
-    as it says and as no other. Standstill, as of a stuck valve, counts the others alone, and is 0
-    while the angle moves, so that it is earlier; commands that are late or lost for a moment show
-    as well. The allowance grows with the noise of the mean, where it is above that of the paper's
-    sensor, and is at least twice the root mean square of the residuals of a valve with play.
-
-    Innovations: the sum S of the normalised squared innovations of a sensor over a second. For a
-    consistent filter it is chi-square with n degrees of freedom, the entries of all samples. The
-    statistic is its standard normal equivalent (Wilson and Hilferty 1931), 0 below its mean,
-
-        ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)).
-
-    Args:
-        parameters: flat record `MODEL`.
-        monitors: flat record `MONITORS`; changes.
-        rows: samples (n, `SAMPLE`) that arrived since the tick before, in the order of arrival.
-        now: time of the tick [s].
-        command: of the period before (3,), NaN where there was none.
-        innovations: of the samples of this tick (n, `INNOVATION`).
-        alarms: rows of `ALARM` entries by `DetectorIndex` (16, 4); change.
-    """
     p, s = parameters.view(MODEL)[0], monitors.view(MONITORS)[0]
     limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
-    sent, differences = command[0] == command[0], s.differences
+    sent, differences, work = command[0] == command[0], s.differences, s.workspace
 
     for sensor in range(DetectorIndex.STEERING):
         kept = s.reading[sensor]
@@ -401,18 +354,7 @@ def observe_monitors(
         count = _remember(kept, -math.inf, time_s, x, y)
         for axis in range(1, 3 if count > 2 else 1):
             bend = abs(kept[count, axis] - 2.0 * kept[count - 1, axis] + kept[count - 2, axis])
-            place = last = min(int(s.difference_count), _DIFFERENCES - 1)
-            slot = int(s.difference_count) % _DIFFERENCES
-            if s.difference_count >= _DIFFERENCES:  # the new one takes the place of the oldest
-                while differences[1, place] != differences[0, slot]:
-                    place -= 1
-            while place > 0 and differences[1, place - 1] > bend:
-                differences[1, place] = differences[1, place - 1]
-                place -= 1
-            while place < last and differences[1, place + 1] < bend:
-                differences[1, place] = differences[1, place + 1]
-                place += 1
-            differences[0, slot] = differences[1, place] = bend
+            differences[int(s.difference_count) % _DIFFERENCES] = bend
             s.difference_count += 1.0
     _remember(s.encoder[0], now - _HISTORY_S, math.nan, 0.0, 0.0)
 
@@ -437,15 +379,15 @@ def observe_monitors(
             continue
         spans += 1
         begin_s, end_s = min(begin_s, kept[1, 0]), max(end_s, last_s)
-        slopes, square, centre = np.empty(count * (count - 1) // 2), 0.0, 0.0
+        square, centre = 0.0, 0.0
         for axis in range(1, 3):
             pair = 0
             for later in range(2, count + 1):
                 for earlier in range(1, later):
                     way = kept[later, axis] - kept[earlier, axis]
-                    slopes[pair] = way / (kept[later, 0] - kept[earlier, 0])
+                    work[pair] = way / (kept[later, 0] - kept[earlier, 0])
                     pair += 1
-            square += _median(slopes) ** 2
+            square += _median(work, count * (count - 1) // 2) ** 2
         ground += math.sqrt(square)
         for n in range(1, count + 1):
             centre += kept[n, 0]
@@ -457,8 +399,9 @@ def observe_monitors(
         ground /= spans
         sd, count = 0.0, min(int(s.difference_count), _DIFFERENCES)
         if count >= _LEAST_DIFFERENCES:
-            middle = differences[1, (count - 1) // 2] + differences[1, count // 2]
-            sd = _MEDIAN_TO_SD * 0.5 * middle * math.sqrt(inverse) / spans
+            for n in range(count):
+                work[n] = differences[n]
+            sd = _MEDIAN_TO_SD * _median(work, count) * math.sqrt(inverse) / spans
         planned = _mean(plan, begin_s, end_s)
         for which in range(2):
             index, sums = DetectorIndex.MOTION + which, s.speed_sums[which]
@@ -480,6 +423,20 @@ def observe_monitors(
                 if abs(present[2] - planned) < abs(present[1] - planned):
                     present[0] = _GO_ON
 
+
+@_compiled
+def _observe_steering(
+    parameters: FloatArray,
+    monitors: FloatArray,
+    rows: FloatArray,
+    now: float,
+    command: FloatArray,
+    innovations: FloatArray,
+    alarms: FloatArray,
+) -> None:
+    p, s = parameters.view(MODEL)[0], monitors.view(MONITORS)[0]
+    limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
+    sent = command[0] == command[0]
     axes = 2 if now > s.steered_s else 0
     s.steered_s = max(now, s.steered_s)
     for axis in range(axes):
@@ -542,7 +499,7 @@ def observe_monitors(
             total = 0.0
             for entry in range(first, last + 1):
                 total += response[entry, 1]
-            s.windows[n] = total / (last + 1 - first)
+            s.workspace[n] = total / (last + 1 - first)
         if not known:
             continue
         sums = s.intervals[axis]
@@ -557,7 +514,7 @@ def observe_monitors(
         play = 2.0 * math.sqrt(s.mean_square[axis]) / _ALLOWANCE
         s.scale[axis] = scale = max(1.0, play, noise / _QUIET)
         for n in range(intervals):
-            low, high = s.windows[n], s.windows[n + 1]
+            low, high = s.workspace[n], s.workspace[n + 1]
             residual = mean - min(max(mean, min(low, high)), max(low, high))
             sums[n, 2] = residual = residual / scale
             for side in range(2):
@@ -625,6 +582,67 @@ def observe_monitors(
         s.standing += 1.0 if alarms[index, 0] >= 0.0 else 0.0
     if alarms[DetectorIndex.WHEELS, 0] == _GO_ON:
         unused[SensorIndex.ENCODER] = 1.0
+
+
+def observe_monitors(
+    parameters: FloatArray,
+    monitors: FloatArray,
+    rows: FloatArray,
+    now: float,
+    command: FloatArray,
+    innovations: FloatArray,
+    alarms: FloatArray,
+) -> None:
+    """Advance all built-in detectors by a tick, in place.
+
+    An alarm begins where a statistic exceeds its limit and ends where it falls below half of it.
+
+    Repetitions: the noise of a sensor that works changes every reading. The samples of a sensor are
+    not used while it repeats itself; the first other reading ends the alarm. Samples under an old
+    time stamp do not count. The statistic of a sensor that repeats readings in good health is 0.
+
+    Motion, wheels: the speed that the hydrostat's commands ask for, and that of the encoder, in the
+    mean of a second against the speed over ground in it. That is the slope of the positions over
+    time by Theil and Sen (Sen 1968, JASA 63): each axis has the median of the slopes between all
+    pairs, which a single outlier does not move; both receivers have their mean, without a sign. A
+    position farther from the last one than a vehicle goes is left out, for a second at most, as is
+    one of a time before it. The allowance holds for three standard deviations of the speed, as with
+    a noise of the positions of 10 cm. More noise makes the residual smaller and gives no alarm.
+
+    Sums are cumulative ones to both sides (Page 1954, Biometrika 41). They grow where the mean
+    residual r is above the allowance k, half of the shift to be detected:
+
+        g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k).
+
+    Steering: a measured angle against the response of the model to the commands, which has the rate
+    limit and the lag learnt so far. The dead time may not be learnt yet, or wrongly: each interval
+    of possible ones has a residual of its own, the distance of the mean sample of a tick from what
+    the response has covered in it, and a sum. A healthy valve agrees with one of the intervals for
+    good, a stuck valve with none: the statistic is the least of the sums [rad]. An interval that
+    the valve contradicts while it follows another is refuted for a minute, or until the valve moves
+    as it says and as no other. Standstill, as of a stuck valve, counts the others alone, and is 0
+    while the angle moves, so that it is earlier; commands that are late or lost for a moment show
+    as well. The allowance grows with the noise of the mean, where it is above that of the paper's
+    sensor, and is at least twice the root mean square of the residuals of a valve with play.
+
+    Innovations: the sum S of the normalised squared innovations of a sensor over a second. For a
+    consistent filter it is chi-square with n degrees of freedom, the entries of all samples. The
+    statistic is its standard normal equivalent (Wilson and Hilferty 1931), 0 below its mean,
+
+        ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)).
+
+    Args:
+        parameters: flat record `MODEL`.
+        monitors: flat record `MONITORS`; changes.
+        rows: samples (n, `SAMPLE`) that arrived since the tick before, in the order of arrival.
+        now: time of the tick [s].
+        command: of the period before (3,), NaN where there was none.
+        innovations: of the samples of this tick (n, `INNOVATION`).
+        alarms: rows of `ALARM` entries by `DetectorIndex` (16, 4); change.
+    """
+    tick = parameters, monitors, rows, now, command, innovations, alarms
+    _observe_speeds(*tick)
+    _observe_steering(*tick)
 
 
 _ANGLES: Final = "front steering angle", "trailer steering angle"

@@ -123,7 +123,7 @@ _SLOW_DOWN, _STOP_ON_PATH, _STOP = (
 _X_T, _Y_T, _PSI_T, _X_I, _Y_I, _PSI_I, _V = range(7)  # of the error
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+@cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rewrites=True)
 def decide(
     sample: int,
     now: float,
@@ -259,7 +259,7 @@ def decide(
     return int(t.mode)
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+@cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rewrites=True)
 def finish(
     own: bool, course: Course, commands: FloatArray, guard: FloatArray, tick: FloatArray
 ) -> None:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ..jit import cached_njit
+from ..jit import cached_njit, record
 from ..layout import ESTIMATE, TICK, new_tick
 from ..mpc.articulated_error import PredictedPath
 from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
@@ -96,7 +96,7 @@ def robust_part(
     `MEMORY.correlation` holds the previous one and the averages of product and power, of which
     older ones weigh less by the factor `Law.forgetting` with each tick.
     """
-    s, t = memory.view(MEMORY)[0], tick.view(TICK)[0]
+    s, t = record(memory, MEMORY), record(tick, TICK)
     started = s.last == k - 1
     if law.kind == TUBE_READING and s.last >= 0.0:
         for i in range(_M):
@@ -211,9 +211,9 @@ def propose(
         most: see `minimise`.
     """
     e, s, t, given = (
-        estimate.view(ESTIMATE)[0],
-        memory.view(MEMORY)[0],
-        tick.view(TICK)[0],
+        record(estimate, ESTIMATE),
+        record(memory, MEMORY),
+        record(tick, TICK),
         work.given,
     )
     r, x, on_map = law.reference[k], e.state, e.map_disturbance
@@ -281,7 +281,7 @@ def conclude(
     that the tightening leaves. K m saturates at the share of the inputs that the tightening has
     reserved for it. A plan can be kept at every tick up to the last stage of its horizon.
     """
-    s, t, given, steps = memory.view(MEMORY)[0], tick.view(TICK)[0], work.given, work.steps
+    s, t, given, steps = record(memory, MEMORY), record(tick, TICK), work.given, work.steps
     size, accepted, backed = steps.size, t.solver[0] == 1.0, law.reserve.shape[0] > 0
     for i in range(_M):
         low, high = stages.limits[k, 0, i], stages.limits[k, 1, i]
