@@ -410,9 +410,10 @@ def efficiency(bench: Bench) -> Iterator[Measured]:
         return float(_mobility(plant, load, cone_index)[0][DRIVEN].mean())
 
     # at the mean load, because a pull shifts load to the driven wheels
-    bn = np.array([driven_bn(pull.load) for pull in pulls])
-    expected = law.net_traction_ratio(bn, slips) / law.gross_traction_ratio(bn, slips)
-    expected *= 1.0 - slips
+    bn = np.tile([driven_bn(pull.load) for pull in pulls], (len(WHEELS), 1)).T  # (n, 6)
+    slip = slips[:, None]
+    wheels = law.net_traction_ratio(bn, slip) / law.gross_traction_ratio(bn, slip) * (1.0 - slip)
+    expected = wheels[:, DRIVEN].mean(axis=1)
     title = f"Tractive efficiency, {cone_index:.0f} kPa"
     lines = {"plant": measured, "(1 - MRR/GTR)(1 - s)": expected}
     yield Measured(

@@ -193,7 +193,8 @@ def test_forces_stay_inside_the_ellipse_and_only_take_energy(tyres, cone_index):
     resistance = (1.0 / bn + 0.04) * forces.load
     used = np.abs(forces.force_long) / np.maximum(grip_long, resistance)
     assert np.abs(forces.force_lat / grip_lat).max() <= 1.0 + 1e-9
-    braked = forces.slip * wheels.velocity[:, 0] < 0.0
+    rolls = np.abs(wheels.velocity[:, 0]) > 0.01  # below, the tread is a spring
+    braked = rolls & (forces.slip * wheels.velocity[:, 0] < 0.0)
     assert used[braked].max() <= 1.0 + 1e-9
     assert used[0] > 0.99
     assert power(wheels, forces).max() <= 1e-9 * forces.load[0]
