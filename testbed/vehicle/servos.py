@@ -7,6 +7,7 @@ A load of a scenario does not change them.
 # pyright: reportAttributeAccessIssue=false
 
 import math
+import re
 from dataclasses import replace
 from operator import attrgetter
 from typing import Final
@@ -92,14 +93,15 @@ def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> tuple[float, float, floa
     empty, tyres = _empty(vehicle), tyres_of(vehicle)
     load = wheel_loads(empty)  # (6,)
     radius, gain = vehicle.rear_wheel.radius_m, vehicle.hydrostat.speed_gain_mps
+    law = law.of(tyres.radial)
     bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), _FIRM_KPA))
-    grip = (load * law.largest_traction_ratio(bn))[_DRIVEN].sum()  # [N]
+    slope = (load * law.traction_slip * law.largest_traction_ratio(bn))[_DRIVEN].sum()  # [N]
     torque = _DRIVE_TORQUE * law.traction * load[_DRIVEN].sum() * radius
     damping = torque / (_DRIVE_DROOP * gain / radius)
     slip = equilibrium_slip(law, tyres, load, _FIRM_KPA, pull=0.0)
     wheel_torque = radius * (load * law.gross_traction_ratio(bn, slip * _DRIVEN))[_DRIVEN].sum()
     mass = load.sum() / GRAVITY
-    wheel_lag = mass * 0.5 * gain / (law.traction_slip * grip) + mass * radius**2 / damping  # [s]
+    wheel_lag = mass * 0.5 * gain / slope + mass * radius**2 / damping  # [s]
     tau = vehicle.hydrostat.time_constant_s
     if tau <= wheel_lag:
         raise InvalidPlant(
@@ -118,6 +120,7 @@ def equilibrium_slip(
     `load` is that on each wheel [N], (6,), `cone_index` that of the soil under all of them [kPa],
     `pull` the drawbar pull beyond that of the trailer [N].
     """
+    law = law.of(tyres.radial)
     bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), cone_index))
 
     def surplus(slip: float) -> float:
@@ -144,8 +147,9 @@ def tyres_of(vehicle: PlantVehicle) -> Tyres:
     """Return the tyres of the wheels in the order of `WHEELS`."""
     names = ("radius_m", "width_m", "section_height_m")  # in the order of `Tyres`
     numbers = attrgetter(*names, "relative_deflection", "rated_load_n", "damping_spm")
-    rows = [numbers(vehicle.wheels[wheel.split("_")[0]]) for wheel in WHEELS]
-    return Tyres(*np.array(rows).T.copy())
+    wheels = [vehicle.wheels[wheel.split("_")[0]] for wheel in WHEELS]
+    radial = np.array([re.search(r"\dR", wheel.size) is not None for wheel in wheels])
+    return Tyres(*np.array([numbers(wheel) for wheel in wheels]).T.copy(), radial)
 
 
 def _empty(vehicle: PlantVehicle) -> PlantVehicle:
