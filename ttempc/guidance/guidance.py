@@ -43,7 +43,7 @@ from ..types import (
 from ..vehicle import Vehicle
 from .controllers import EstimatorFactory, estimator_factory, make_controller
 from .dead_time import compensated, resume
-from .detection import Alarm, Detector, Monitors, Reaction, detectors
+from .detection import Alarm, Detector, Monitors, Reaction
 from .supervisor import SafetyLimits, Supervisor, user_part
 
 if TYPE_CHECKING:
@@ -186,7 +186,8 @@ class Guidance:
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
             your own.
-        detect: whether the supervisor reacts to detectors of faults; or detectors of your own.
+        detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
+            your own beside them.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -243,9 +244,8 @@ class Guidance:
         self._learner = Learner(learn, vehicle, period_s, builder)
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
-        if isinstance(detect, bool):
-            detect = detectors() if detect else ()
-        self._monitors = Monitors(detect)
+        own = () if isinstance(detect, bool) else detect
+        self._monitors = Monitors(own, built_in=detect is not False)
         self._alarms = np.zeros((0, ALARM))  # of the detectors, since the last update
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
@@ -274,7 +274,7 @@ class Guidance:
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """Alarms of the detectors that stand since the last update, the oldest first."""
+        """Alarms of the detectors that stand since the last update, by detector."""
         return self._monitors.alarms
 
     @property
