@@ -14,7 +14,12 @@ import numpy as np
 from .types import Estimate, FloatArray, Innovation, Measurement, Sensor
 
 SAMPLE: Final = 5
-"""Entries of a sample: time [s], `SensorIndex`, three components; 0 where it has fewer of them."""
+"""Entries of a sample: time [s], `SensorIndex`, three components; 0 where it has fewer of them.
+
+The third one of a position is its `Measurement.status`."""
+
+FLOAT: Final = 2.0
+"""`Measurement.status` of a position without integer ambiguities."""
 
 _LENGTHS: Final = dict.fromkeys(Sensor, 1) | {
     Sensor.GNSS_TRACTOR: 2,
@@ -40,6 +45,7 @@ def sample_rows(samples: Sequence[Measurement]) -> FloatArray:
     for sample in samples:
         if sample.sensor in _KINDS:
             kind, length, fill = _KINDS[sample.sensor]
+            fill = (float(sample.status),) if length == 2 else fill
             value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
             rows.append((sample.time_s, kind, *value))
     return np.array(rows, dtype=float).reshape(-1, SAMPLE)
@@ -50,7 +56,8 @@ def measurements_of(rows: FloatArray) -> list[Measurement]:
     samples = []
     for time_s, kind, *value in rows.tolist():
         sensor, length = _SENSORS[int(kind)]
-        samples.append(Measurement(time_s, sensor, tuple(value[:length])))
+        status = int(value[2]) if length == 2 else 0
+        samples.append(Measurement(time_s, sensor, tuple(value[:length]), status))
     return samples
 
 
@@ -156,7 +163,7 @@ TICK: Final = np.dtype(
         ("solver", "f8", 5),  # accepted, iterations, primal, dual residual, whether a fallback
         ("law", "f8"),  # why another law than the controller's own acted, a code of its own
         ("leaves_corridor", "f8"),
-        ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.supervise`
+        ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.supervisor`
         ("reason", "f8"),  # of a mode or of half speed, likewise
         ("jump_m", "f8"),  # of the error; 0: none
         ("cut", "f8", 3),  # what is wrong with a user's command, likewise

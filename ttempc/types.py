@@ -85,6 +85,7 @@ class Measurement:
     time_s: float  # time at which the sample was taken
     sensor: Sensor
     value: tuple[float, ...]  # see `Sensor` for meaning, length and unit
+    status: int = 0  # of a position, as the receiver says: 1 fixed, 2 float; 0 not known
 
 
 class Innovation(NamedTuple):

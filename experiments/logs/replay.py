@@ -123,4 +123,5 @@ def _samples(row: list[float]) -> Iterator[Measurement]:
     for sensor in _ORDER:
         *value, time_s = row[MEASUREMENT_COLUMNS[sensor]]
         if not math.isnan(time_s):
-            yield Measurement(time_s, sensor, tuple(value))
+            status = int(value.pop()) if sensor.startswith("gnss") else 0
+            yield Measurement(time_s, sensor, tuple(value), status)

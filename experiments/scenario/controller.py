@@ -15,7 +15,15 @@ from ttempc.reference.corridor import SpeedTube
 from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle
 
-from ...testbed.configuration.config_io import STRICT, DurationS, NameOrFile, NotNegative, Positive
+from ...testbed.configuration.config_io import (
+    STRICT,
+    DurationS,
+    Fraction,
+    NameOrFile,
+    NotNegative,
+    Positive,
+)
+from ...testbed.sensing.receivers import Place, receiver
 from ...testbed.sensing.sensor_specification import SensorSpecification
 from ..errors import InvalidScenario
 from .tube_file import read_tube
@@ -54,6 +62,12 @@ class NoiseSettings:
     """White share of the variance of a position; the rest is correlated over time."""
     gnss_correlation_time_s: DurationS | None = None
     """Correlation time of that rest."""
+    gnss_correlation_m: NotNegative | None = None
+    """The same by the way travelled; 0: by time alone."""
+    gnss_shared: Fraction | None = None
+    """Share of the correlated variance that both receivers have in common."""
+    gnss_float_sd_m: NotNegative | None = None
+    """Float solutions, as white noise; 0: like any other."""
     yaw_rate_sd_degps: NotNegative | None = None
     """Yaw rate of both IMUs, where there are any; 0: the estimator does not use it."""
     yaw_rate_bias_sd_degps: Positive | None = None
@@ -78,6 +92,9 @@ class NoiseSettings:
             encoder=values["encoder_sd_mps"],
             gnss_white_share=values["gnss_white_share"],
             gnss_correlation_s=values["gnss_correlation_time_s"],
+            gnss_correlation_m=values["gnss_correlation_m"],
+            gnss_shared=values["gnss_shared"],
+            gnss_float=values["gnss_float_sd_m"],
             yaw_rate=math.radians(values["yaw_rate_sd_degps"]),
             yaw_rate_bias=math.radians(values["yaw_rate_bias_sd_degps"]),
             antenna_height_t=self.antenna_height_t_m,
@@ -109,8 +126,32 @@ def _of_sensors(sensors: SensorSpecification) -> dict[str, float]:
         "encoder_sd_mps": max(sensors.encoder_sd_mps, _MIN_SD),
         "gnss_white_share": max(sensors.gnss_white_share, _MIN_SHARE) if correlated else 1.0,
         "gnss_correlation_time_s": sensors.gnss_correlation_time_s,
+        "gnss_correlation_m": 0.0,
+        "gnss_shared": 0.0,
+        "gnss_float_sd_m": 0.0,
+        **(_of_receiver(place, sensors.gnss_rate_hz) if (place := sensors.place) else {}),
         "yaw_rate_sd_degps": max(sensors.imu.yaw_rate_sd_degps, _MIN_YAW_RATE_DEGPS),
         "yaw_rate_bias_sd_degps": max(sensors.imu.yaw_rate_bias_sd_degps, _MIN_YAW_RATE_DEGPS),
+    }
+
+
+def _of_receiver(place: Place, rate_hz: float) -> dict[str, float]:
+    """Return a receiver's errors as first-order processes of the same variance and density.
+
+    The integral of (1 + u) exp(-u) is 2. The offset of a float solution becomes white noise of its
+    density at low frequency, at 1 m/s.
+    """
+    of = receiver(place)
+    slow = of.sd**2 - of.white_sd**2
+    return {
+        "gnss_sd_m": of.sd,
+        "gnss_white_share": max(of.white_sd**2 / of.sd**2, _MIN_SHARE),
+        "gnss_correlation_time_s": 2.0 * of.time,
+        "gnss_correlation_m": 2.0 * of.length,
+        "gnss_shared": of.shared_sd**2 / slow,
+        "gnss_float_sd_m": of.float_sd * math.sqrt(2.0 * of.float_length * rate_hz)
+        if of.lost_per_s > 0.0
+        else 0.0,
     }
 
 

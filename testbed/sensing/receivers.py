@@ -21,26 +21,23 @@ elsewhere, where trees and walls around each antenna are its own.
 import functools
 import math
 import tomllib
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal, get_args
 
 import numpy as np
 
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
-from ..randomness import generator
-
 Place = Literal["open-sky", "wood", "street"]
+PLACES: Final[tuple[Place, ...]] = get_args(Place)
 
 TABLE: Final = Path(__file__).with_name("receivers.toml")
 FIXED, FLOAT, WRONG = 1, 2, 3  # the first two as RTKLIB says them; a wrong fix says `FIXED`
 SHARED_VARIANCE: Final = 0.5  # of the correlated part under an open sky; assumed
 _LONG: Final = 50.0  # u by which a process has forgotten its past
-_AHEAD: Final = 64  # epochs drawn at once
-_NORMALS: Final = 20  # of an epoch: shared and own processes, white parts, offsets
-_UNIFORMS: Final = 4  # of an epoch: change of state and kind of fix, of each antenna
+NORMALS: Final = 24  # of an epoch: processes, white parts, offsets, changes and kinds of solution
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,64 +86,23 @@ def receiver(place: Place) -> Receiver:
     )
 
 
-class Errors(NamedTuple):
-    """Errors (x, y) [m] of one epoch, and `FIXED` or `FLOAT` as the receivers say."""
-
-    tractor: tuple[float, float]
-    trailer: tuple[float, float]
-    tractor_status: int
-    trailer_status: int
-
-
 STATE: Final = np.dtype(
     [
-        ("epoch", "f8"),
         ("time_s", "f8"),
-        ("way_m", "f8"),
         ("process", "f8", (3, 2, 2)),  # shared, tractor, trailer; axis; value, rate in u; unit sd
         ("offset", "f8", (2, 2)),  # [m] of a float solution or a wrong fix: antenna, axis
         ("solution", "f8", 2),
     ]
 )
 """State of both receivers, as a flat array; a copy of it goes on with the same errors."""
-STATE_SIZE: Final = STATE.itemsize // 8
 
 
-class Receivers:
-    """Errors of the receivers of tractor and trailer, epoch by epoch.
-
-    The errors are a function of the seed, and of the times and ways travelled that were given.
-
-    Args:
-        of: parameters.
-        seed: of the run.
-    """
-
-    def __init__(self, of: Receiver, seed: int) -> None:
-        self._seed, self._parameters = seed, np.array(astuple(of))
-        self._block, self._normals, self._uniforms = -1, np.empty(0), np.empty(0)
-        self.state = np.zeros(STATE_SIZE)
-        view = self.state.view(STATE)[0]
-        view["time_s"], view["solution"] = -math.inf, FIXED
-
-    def draw(self, time_s: float, way_m: float) -> Errors:
-        """Return the errors of the next epoch.
-
-        Args:
-            time_s: of the epoch.
-            way_m: travelled until then, forward and back.
-        """
-        block, row = divmod(int(self.state[0]), _AHEAD)
-        if block != self._block:
-            rng = generator(self._seed, f"sensor/receivers/{block}")
-            self._normals = rng.standard_normal((_AHEAD, _NORMALS))
-            self._uniforms = rng.random((_AHEAD, _UNIFORMS))
-            self._block = block
-        out = np.empty(6)
-        normals, uniforms = self._normals[row], self._uniforms[row]
-        advance(self.state, self._parameters, normals, uniforms, time_s, way_m, out)
-        x_t, y_t, x_i, y_i, status_t, status_i = out.tolist()
-        return Errors((x_t, y_t), (x_i, y_i), int(status_t), int(status_i))
+def new_state() -> FloatArray:
+    """Return the `STATE` before the first epoch, flat: both receivers have a fix."""
+    state = np.zeros(STATE.itemsize // 8)
+    view = state.view(STATE)[0]
+    view["time_s"], view["solution"] = -math.inf, FIXED
+    return state
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -154,9 +110,8 @@ def advance(
     state: FloatArray,
     p: FloatArray,
     normals: FloatArray,
-    uniforms: FloatArray,
     time_s: float,
-    way_m: float,
+    travelled: float,
     out: FloatArray,
 ) -> None:
     """Advance both receivers to an epoch.
@@ -164,16 +119,14 @@ def advance(
     Args:
         state: flat record `STATE`, changed.
         p: (14,) fields of `Receiver` in their order.
-        normals: (20,) standard normal numbers.
-        uniforms: (4,) of [0, 1).
+        normals: (24,) standard normal numbers.
         time_s: of the epoch.
-        way_m: travelled until then.
+        travelled: since the epoch before [m], forward and back.
         out: (6,) x and y [m] of tractor and trailer, then their states; written.
     """
     s = state.view(STATE)[0]
-    later, travelled = min(time_s - s.time_s, 1e6), abs(way_m - s.way_m)
-    s.epoch += 1.0
-    s.time_s, s.way_m = time_s, way_m
+    later = min(time_s - s.time_s, 1e6)
+    s.time_s = time_s
     # exact step of x'' + 2 x' + x = noise over u, stationary with variances 1, 1:
     # F = e^-u [[1 + u, u], [-u, 1 - u]], noise I - F F'
     u = min(later / p[3] + travelled / p[4], _LONG)
@@ -199,11 +152,14 @@ def advance(
     for antenna in range(2):
         floats = s.solution[antenna] == FLOAT
         sd, keep = 0.0, 1.0  # of what is added to the offset, and how much of it is kept
-        if uniforms[2 * antenna] < left * (found if floats else lost):
+        # that a normal number is below z has the probability erfc(-z / sqrt(2)) / 2
+        changes = 0.5 * math.erfc(-math.sqrt(0.5) * normals[20 + 2 * antenna])
+        wrong = 0.5 * math.erfc(-math.sqrt(0.5) * normals[21 + 2 * antenna])
+        if changes < left * (found if floats else lost):
             keep = 0.0
             if not floats:
                 s.solution[antenna], sd = FLOAT, p[11]
-            elif uniforms[2 * antenna + 1] < p[9]:
+            elif wrong < p[9]:
                 s.solution[antenna], sd = WRONG, p[10]
             else:
                 s.solution[antenna] = FIXED

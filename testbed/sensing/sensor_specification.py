@@ -10,8 +10,9 @@ from pydantic.dataclasses import dataclass
 from ttempc.types import Sensor
 
 from ..configuration.config_io import STRICT, DurationS, Fraction, NotNegative, RateHz
+from .receivers import PLACES, Place
 
-GnssError = Literal["white", "correlated", "non-gaussian"]
+GnssError = Literal["white", "correlated", "non-gaussian", Place]
 GnssAntenna = Literal["point", "raw", "corrected"]
 EncoderOn = Literal["wheel", "ground"]
 
@@ -150,6 +151,11 @@ class SensorSpecification:
                 "gnss_antenna 'corrected' needs the attitude that an IMU measures "
                 "(sensors.imu.on = true); without one it can be 'point' or 'raw'"
             )
+
+    @property
+    def place(self) -> Place | None:
+        """Place whose receivers give the errors of GNSS."""
+        return next((place for place in PLACES if place == self.gnss_error), None)
 
     def period_s(self, sensor: Sensor) -> float:
         """Return the time from sample to sample of a sensor [s]."""

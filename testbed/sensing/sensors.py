@@ -9,6 +9,7 @@ heading would move the corrected point by height x sin(roll) x error, 3 mm at 0.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import astuple
 from typing import Final
 
 import numpy as np
@@ -18,13 +19,14 @@ from ttempc.jit import cached_njit
 from ttempc.layout import SAMPLE
 from ttempc.types import FloatArray, Sensor
 
-from ..discretisation import delay_steps, whole_steps
+from ..discretisation import whole_steps
 from ..randomness import generator
 from ..truth import ANTENNA_COLUMNS, MOTION
+from .receivers import NORMALS, advance, new_state, receiver
 from .sensor_errors import Correlated, ErrorSource, HeavyTailed, White
 from .sensor_specification import ImuSpecification, SensorSpecification
 
-_POSITION: Final = ("x_m", "y_m")
+_POSITION: Final = ("x_m", "y_m", "status")
 _ATTITUDE: Final = ("yaw_rate_radps", "roll_rad", "pitch_rad")
 
 COMPONENTS: Final[dict[Sensor, tuple[str, ...]]] = {
@@ -39,6 +41,7 @@ COMPONENTS: Final[dict[Sensor, tuple[str, ...]]] = {
 }
 """Components of a sample of each sensor with their units, in the order of `Measurement.value`.
 
+The status of a position is `Measurement.status`.
 The log derives its columns from this table: their names, their number and their order.
 """
 
@@ -56,6 +59,7 @@ _IMUS: Final = {  # bodies in the order of the antennas
     Sensor.IMU_TRAILER: ("yaw_rate_i", "roll_i", "pitch_i"),
 }
 _POINTS: Final = {Sensor.GNSS_TRACTOR: ("x_t", "y_t"), Sensor.GNSS_TRAILER: ("x_i", "y_i")}
+_TRACTOR: Final = MOTION.index("x_t")  # y_t follows
 _YAWS: Final = tuple(map(MOTION.index, ("psi_t", "psi_i")))
 
 _SENSOR: Final = np.dtype(
@@ -67,6 +71,7 @@ _SENSOR: Final = np.dtype(
         ("columns", "i8", 3),  # of the components in a row of `Moments`
         ("resolution", "f8", 3),  # of each component
         ("corrects", "i8"),  # body whose attitude corrects the sample; -1: none
+        ("antenna", "i8"),  # whose error comes from `receivers.advance`; -1: none
     ]
 )
 
@@ -98,7 +103,11 @@ class SensorSuite:
         entries = tuple(self._entries(seed))
         self._sources = [source for _, source in entries]
         self._sensors: NDArray[np.void] = np.array([entry for entry, _ in entries], _SENSOR)
-        self._errors = np.empty((len(entries), _AHEAD, 3))
+        place = specification.place
+        self._errors = np.empty((len(entries), _AHEAD, NORMALS if place else 3))
+        self._receiver = np.array(astuple(receiver(place)) if place else ())
+        self._solutions = new_state()
+        self._way = np.full(3, math.nan)  # last position, way since the last epoch [m]
         self._used = np.full(len(entries), _AHEAD)  # errors of each sensor
         self._spare = 0  # moments for which there are errors at least
         self._attitudes = np.zeros((2, 2))  # of the bodies: roll, pitch [rad] as last measured
@@ -140,6 +149,9 @@ class SensorSuite:
             self._used,
             self._attitudes,
             self._levers,
+            self._receiver,
+            self._solutions,
+            self._way,
             samples,
             due,
         )
@@ -185,11 +197,10 @@ class SensorSuite:
         for body, (sensor, names) in enumerate(_POINTS.items()):
             antenna = ANTENNA_COLUMNS.start + 3 * body
             columns = _columns(*names) if of.gnss_antenna == "point" else (antenna, antenna + 1)
-            grid, corrects = 2 * (of.gnss_resolution_m,), of.gnss_antenna == "corrected"
-            yield (
-                self._entry(sensor, columns, of.gnss_latency_s, grid, body if corrects else -1),
-                _gnss_error(of, seed, sensor),
-            )
+            grid = 2 * (of.gnss_resolution_m,)
+            source, drawn = _gnss_error(of, seed, sensor), body if of.place else -1
+            corrects = body if of.gnss_antenna == "corrected" else -1
+            yield self._entry(sensor, columns, of.gnss_latency_s, grid, corrects, drawn), source
         angle = (
             math.radians(of.angle_sd_deg),
             of.angle_latency_s,
@@ -208,15 +219,16 @@ class SensorSuite:
         columns: tuple[int, ...],
         latency_s: float,
         resolution: tuple[float, ...],
-        corrects: int = -1,
+        *others: int,
     ) -> tuple[object, ...]:
         """Return an entry of `_SENSOR`."""
         period_s, timestep = self.specification.period_s(sensor), self.timestep
         every = whole_steps(period_s, timestep, f"rate of sensor {sensor} ({1.0 / period_s:g} Hz)")
-        delay = delay_steps(latency_s, timestep, f"latency of sensor {sensor}")
+        delay = whole_steps(latency_s, timestep, f"latency of sensor {sensor}", least=0)
         fill = 3 - len(columns)
         grid = (*resolution, *fill * (0.0,))
-        return NUMBER[sensor], every, delay, len(columns), (*columns, *fill * (0,)), grid, corrects
+        columns, size = (*columns, *fill * (0,)), len(columns)
+        return NUMBER[sensor], every, delay, size, columns, grid, *(others or (-1, -1))
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -229,6 +241,9 @@ def _take(
     used: NDArray[np.int64],
     attitudes: FloatArray,
     levers: FloatArray,
+    receiver: FloatArray,
+    solutions: FloatArray,
+    way: FloatArray,
     samples: FloatArray,
     due: FloatArray,
 ) -> int:
@@ -238,9 +253,12 @@ def _take(
     antenna at height h above its point moves h sin(roll) to the right of it and
     h cos(roll) sin(pitch) ahead.
     """
-    count = 0
+    count, solved = 0, np.zeros(6)
     for moment in range(len(truths)):
         truth, step = truths[moment], first + moment * stride
+        moved = math.hypot(truth[_TRACTOR] - way[0], truth[_TRACTOR + 1] - way[1])
+        way[0], way[1] = truth[_TRACTOR], truth[_TRACTOR + 1]
+        way[2] = way[2] + moved if moved >= 0.0 else 0.0  # NaN: the first moment
         for k in range(len(sensors)):
             of = sensors[k]
             if step % of.every != 0:
@@ -258,8 +276,14 @@ def _take(
                 ahead = lever[0] * math.cos(pitch) + up * math.sin(pitch)
                 row[2] -= ahead * math.cos(yaw) - aside * math.sin(yaw)
                 row[3] -= ahead * math.sin(yaw) + aside * math.cos(yaw)
+            if of.antenna == 0:  # the trailer's sample follows at the same moment
+                advance(solutions, receiver, errors[k, used[k]], truth[0], way[2], solved)
+                way[2] = 0.0
+            if of.antenna >= 0:
+                row[4] = solved[4 + of.antenna]
             for i in range(of.length):
-                row[2 + i] += errors[k, used[k], i]
+                antenna = of.antenna
+                row[2 + i] += solved[2 * antenna + i] if antenna >= 0 else errors[k, used[k], i]
                 if of.resolution[i] > 0.0:
                     row[2 + i] = of.resolution[i] * round(row[2 + i] / of.resolution[i])
             used[k] += 1
@@ -291,6 +315,8 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
             )
         case "non-gaussian":
             return HeavyTailed(sd, rng)
+        case _:  # a place: the tractor's drive both receivers
+            return White(np.ones(NORMALS), rng)
 
 
 def _imu_units(yaw_rate_degps: float, angle_deg: float) -> tuple[float, float, float]:

@@ -32,7 +32,7 @@ from ..truth import WHEELS, Moments, Truth
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
-from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics_model
+from ..vehicle.vehicle_model import build_spec, level_model, physics_model
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import Tyres
 from ..wheels.tyre_kernel import Output
@@ -90,7 +90,8 @@ class Plant:
         implement: Implement | None = None,
     ) -> None:
         self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
-        self.wheel_law = wheel_law
+        self.tyres = tyres_of(vehicle)
+        self.wheel_law = wheel_law.of(self.tyres.radial)
         self._spec = build_spec(vehicle, terrain, wheels, wheel_law, timestep_s)
         if implement:
             draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))
@@ -98,9 +99,8 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
-        self.tyres = tyres_of(vehicle)
         self.ground = Ground(terrain, soil.rasterised(terrain))
-        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, wheel_law)
+        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, self.wheel_law)
         self.implement = implement and MountedImplement(
             implement, model, data, vehicle, self.ground, soil.background
         )
@@ -197,14 +197,13 @@ class Plant:
         return self._reader.lever_arms
 
     @cached_property
-    def _level(self) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
+    def _level(self) -> tuple[mujoco.MjModel, str]:
         return level_model(self._spec)
 
     @property
     def mjcf(self) -> str:
         """MJCF of the whole model as MuJoCo compiled it, without the heights of the ground."""
-        rows, columns = self.terrain.heights.shape
-        return level_mjcf(self._level[1], (rows, columns))
+        return self._level[1]
 
     @property
     def scenery(self) -> Scenery:

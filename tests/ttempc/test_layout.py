@@ -9,7 +9,12 @@ from ttempc.types import Measurement, Sensor
 
 def test_rows_of_samples_bear_the_numbers_of_the_kernels_and_give_the_samples_back() -> None:
     samples = [
-        Measurement(0.1 * k, sensor, tuple(k + 0.25 * i for i in range(LENGTH.get(sensor, 3))))
+        Measurement(
+            0.1 * k,
+            sensor,
+            tuple(k + 0.25 * i for i in range(LENGTH.get(sensor, 3))),
+            status=2 if sensor is Sensor.GNSS_TRAILER else 0,
+        )
         for k, sensor in enumerate(Sensor)
     ]
     rows = sample_rows(samples)

@@ -81,7 +81,7 @@ class ExtendedKalmanFilter:
     updates and samples the filter starts anew, see `observe_filter`, at a cost that does not depend
     on the length of the gap.
 
-    With `keeps_all`, `moments` has a state at every time of a sample, else at every update.
+    With `keeps_all`, `moments` has a state at every time of a sample.
 
     Time stamps may count from any epoch. Those that differ by less than `SAME_TIME_S` count as
     equal wherever the filter compares times of samples with times of updates.
@@ -170,7 +170,7 @@ class ExtendedKalmanFilter:
         """
         history, moments, samples, commands = self._state
         h = history.view(HISTORY)[0]
-        more, ring = rows if self._keeps_all else 1, len(moments) - 1
+        more, ring = rows + 1 if self._keeps_all else 16, len(moments) - 1
         if h["moments"] + more > ring:
             order = (h["begin"] + np.arange(ring)) % ring
             larger = np.empty((2 * ring + more + 1, ROW))

@@ -16,7 +16,7 @@ from scipy.special import chdtri
 
 from ..errors import InvalidTuning
 from ..jit import cached_njit
-from ..layout import ESTIMATE
+from ..layout import ESTIMATE, FLOAT
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
     GYROS,
@@ -53,8 +53,11 @@ SAME_TIME_S: Final = 1e-6
 LONGEST_GAP_S: Final = 1.0
 """Without update and sample for longer [s], the filter starts anew, see `observe_filter`."""
 
+_SPACING_S: Final = 0.15  # of moments: they keep up with samples where every update has a late one
+
 _LONGEST_STEP_S: Final = 0.05  # a third of the front steering's lag
 _PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
+_LONGER_S: Final = 5.0  # the same of a receiver that may find a wrong fix; assumed
 _LONGEST_SPAN_S: Final = 0.1  # between samples of a gyro, for their mean to be that of the rate
 _SLOPE_S: Final = 0.5  # over which roll and pitch are smoothed; bumps last less
 _MOST_STEP: Final = 0.5  # of the logarithm of a factor at one sample; assumed
@@ -68,12 +71,14 @@ FILTER: Final = np.dtype(
         ("walk", "f8"),  # variance that a metre adds to the logarithms of the factors
         ("gyro_sampling", "f8"),  # variance of the yaw of a gyro that a metre adds [rad^2/m]
         ("variances", "f8", _SENSORS),  # of each entry of a sample; 0 for a gyro that is not used
+        ("float_variance", "f8"),  # of each entry of a float solution
+        ("patience", "f8", _SENSORS),  # for which the gate may reject a sensor [s]
         ("gates", "f8", _SENSORS),  # of the normalised squared innovation
         ("heights", "f8", 2),  # of the antennas above the axle points [m]
         ("dead_times", "f8", _INPUTS),  # [s]
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
-        ("keeps_all", "f8"),  # 1: a moment for each time of a sample, else for each update
+        ("keeps_all", "f8"),  # 1: a moment for each time of a sample
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
         # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
         # vector instructions, which takes four times as long.
@@ -410,6 +415,8 @@ def _weigh(
     first, second, variance = sample[2], sample[3], f.variances[sensor]
     psi, past = AugmentedState.PSI_T + body, AugmentedState.PAST_T + body
     usable = True
+    if sensor <= SensorIndex.GNSS_TRAILER and sample[4] == FLOAT:
+        variance = max(variance, f.float_variance)
     if body >= 0:
         last = now.gyros[body]
         span_s = time_s - last[0]
@@ -432,7 +439,7 @@ def _weigh(
     sample[5] = 0.0
     if usable:
         since_s = now.rejected_since[sensor]
-        forced = time_s - since_s >= _PATIENCE_S - SAME_TIME_S
+        forced = time_s - since_s >= f.patience[sensor] - SAME_TIME_S
         result = correct(
             parameters, moment, sensor, first, second, variance, forced, body < 0, rows
         )
@@ -652,14 +659,14 @@ def observe_filter(
         while moments[(h.begin + h.moments - 1) % ring, 0] >= since_s:
             h.moments -= 1
         now = moments[(h.begin + h.moments - 1) % ring]
-        workspace, start_s = np.empty((8, 2, width)), now[0]
+        workspace, start_s, kept_s = np.empty((8, 2, width)), now[0], now[0]
         for k in range(h.samples):
             sample = samples[k]
             if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
                 continue
             if sample[0] > now[0]:
-                if now[0] == start_s or f.keeps_all:
-                    before, h.moments = now, h.moments + 1
+                if f.keeps_all or now[0] - kept_s >= _SPACING_S or now[0] == start_s:
+                    before, kept_s, h.moments = now, sample[0], h.moments + 1
                     now = moments[(h.begin + h.moments - 1) % ring]
                     for i in range(entries):
                         now[i] = before[i]
@@ -835,6 +842,9 @@ def filter_parameters(
     f["rates"] = process.rates(sensors)
     f["walk"], f["gyro_sampling"] = process.scale_walk**2, process.gyro_sampling**2
     f["variances"] = [float(sensors.of(sensor)) ** 2 for sensor in lengths]
+    f["float_variance"], f["patience"] = sensors.gnss_float**2, _PATIENCE_S
+    if sensors.gnss_float > 0.0:
+        f["patience"][: SensorIndex.GNSS_TRAILER + 1] = _LONGER_S
     f["gates"] = [float(chdtri(m, gate_probability)) for m in lengths.values()]
     f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
     f["dead_times"], f["memory_s"] = vehicle.dead_times, memory_s

@@ -18,7 +18,7 @@ from ..vehicle import Vehicle
 def _require_positive(owner: SensorNoise | ProcessNoise) -> None:
     for item in fields(owner):
         value = getattr(owner, item.name)
-        zero = item.name.startswith("antenna") or item.name == "yaw_rate"
+        zero = item.default == 0.0 or item.name in ("antenna_height_t", "yaw_rate")
         if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
             allowed = "0 or above" if zero else "above 0"
             raise InvalidTuning(
@@ -41,6 +41,9 @@ class SensorNoise:
     gnss: float = 0.03  # [m] each axis, white and slow part together
     gnss_white_share: float = 1.0  # of the variance; the rest is slow, alike for both receivers
     gnss_correlation_s: float = 60.0  # of the slow part [s]; assumed
+    gnss_correlation_m: float = 0.0  # the same by the way travelled [m]; 0: by time alone
+    gnss_shared: float = 0.0  # share of the slow variance that is common to both receivers
+    gnss_float: float = 0.0  # [m] of a float solution, as white noise; 0: like any other
     # Of the antennas above the axle points [m], for the correction of their lever-arm tilt with the
     # IMUs; 0 where a receiver reports the axle point
     antenna_height_t: float = 0.0
@@ -64,7 +67,7 @@ class SensorNoise:
     @property
     def slow_variance(self) -> float:
         """Variance of half the sum of both receivers' slow errors along an axis [m^2]."""
-        return 0.5 * (1.0 - self.gnss_white_share) * self.gnss**2
+        return 0.5 * (1.0 + self.gnss_shared) * (1.0 - self.gnss_white_share) * self.gnss**2
 
     @property
     def difference_variance(self) -> float:
@@ -73,12 +76,19 @@ class SensorNoise:
         A bias of the attitude is in it as if it were fixed in the map: it turns with the vehicle.
         """
         heights = math.hypot(self.antenna_height_t, self.antenna_height_i)
-        return self.slow_variance + (0.5 * heights * self.attitude_bias) ** 2
+        own = 0.5 * (1.0 - self.gnss_shared) * (1.0 - self.gnss_white_share) * self.gnss**2
+        return own + (0.5 * heights * self.attitude_bias) ** 2
 
     @property
     def position_variance(self) -> float:
         """Variance of the tractor point along an axis [m^2] that no sample can reduce."""
         return self.slow_variance + (self.antenna_height_t * self.attitude_bias) ** 2
+
+    @property
+    def gnss_forgets(self) -> tuple[float, float]:
+        """Rates at which the slow part fades, in a second and in a metre."""
+        way = self.gnss_correlation_m
+        return 1.0 / self.gnss_correlation_s, 1.0 / way if way > 0.0 else 0.0
 
     def of(self, sensor: Sensor) -> float:
         """Return the standard deviation of each entry of one sample of `sensor`, the white part.
@@ -215,8 +225,8 @@ class ProcessNoise:
             ((state.X, state.Y), sensors.slow_variance),
             ((state.GNSS_X, state.GNSS_Y), sensors.difference_variance),
         ):
-            slow = 2.0 * variance / sensors.gnss_correlation_s  # Gelb 1974, sec. 3.6
-            per_second[0, entries] = math.sqrt(slow)
+            for half, rate in zip(deviations, sensors.gnss_forgets, strict=True):
+                half[0, entries] = math.sqrt(2.0 * variance * rate)  # Gelb 1974, sec. 3.6
         if sensors.yaw_rate:
             per_second[0, [state.GYRO_T, state.GYRO_I]] = sensors.yaw_rate_walk
         return np.square(deviations)
@@ -226,7 +236,7 @@ class ProcessNoise:
         fading = np.zeros((2, SIZE - STATES))
         of_gnss = AugmentedState.GNSS_X - STATES
         if sensors.difference_variance > 0.0:
-            fading[0, of_gnss : of_gnss + 2] = 1.0 / sensors.gnss_correlation_s
+            fading[:, of_gnss : of_gnss + 2] = np.array(sensors.gnss_forgets)[:, None]
         fading[1, :of_gnss] = [1.0 / self.body_fading_m] * 5 + [1.0 / self.map_fading_m] * 4
         return fading
 

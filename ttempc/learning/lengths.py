@@ -26,7 +26,7 @@ from ..estimation.filter import (
 )
 from ..estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ..jit import cached_njit
-from ..layout import SAMPLE, measurements_of
+from ..layout import FLOAT, SAMPLE, measurements_of
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
     KERNEL_INDEX,
@@ -402,11 +402,13 @@ def _means(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     The samples are rows (n, 5) of `SAMPLE` in any order; means of white noise tell as much of a
     vehicle that hardly turns meanwhile. Each mean is one of as many samples as `counts` (sensors,)
-    has for its sensor, so that its variance is known; what is left over at a gap is dropped.
+    has for its sensor, so that its variance is known; what is left over at a gap is dropped, and so
+    are float solutions.
     """
     result, counts = [np.empty((0, SAMPLE))], np.ones(len(KERNEL_INDEX))
     for index in KERNEL_INDEX.values():
-        own = rows[(rows[:, 1] == index) & np.isfinite(rows).all(axis=1)]
+        usable = np.isfinite(rows).all(axis=1) & (rows[:, 4] != FLOAT)
+        own = rows[(rows[:, 1] == index) & usable]
         own = own[np.unique(own[:, 0], return_index=True)[1]]
         every = np.median(np.diff(own[:, 0])) if len(own) > 1 else math.inf
         counts[index] = n = max(1, round(_MEAN_S / every))

@@ -2,7 +2,9 @@
 
 import pytest
 from proving_ground.experiments.papers import receivers
-from proving_ground.testbed.sensing.receivers import Receivers, receiver
+from proving_ground.testbed.sensing.receivers import receiver
+
+from tests.testbed.receiver_drive import drive
 
 SPEED = 3.0  # [m/s], to the north
 PLACES = ("open-sky", "wood", "street")
@@ -17,16 +19,13 @@ def table(tmp_path_factory):
         (folder / name).parent.mkdir(exist_ok=True)
     solution, truth, rest = ["% head"], ["head"], ["% head"]
     for n, place in enumerate(PLACES):
-        source = Receivers(receiver(place), seed=4)
-        for k in range(EPOCHS):
-            drawn = source.draw(0.2 * k, 0.2 * k * SPEED)
+        for k, drawn in enumerate(drive(place, SPEED, EPOCHS, seed=4)):
             time, north = 1000.0 + 0.2 * (n * EPOCHS + k), 0.2 * SPEED * (n * EPOCHS + k)
-            x, y = (value / 111e3 for value in (drawn.tractor[0], north + drawn.tractor[1]))
-            solution.append(f"9 {time:.1f} {y:.10f} {x:.10f} 0 {drawn.tractor_status} 9")
+            x, y = (value / 111e3 for value in (drawn[0], north + drawn[1]))
+            solution.append(f"9 {time:.1f} {y:.10f} {x:.10f} 0 {drawn[4]:.0f} 9")
             truth.append(f"{time:.1f},9,{north / 111e3:.10f},0,0,0,0,0,0,0,0,0,{SPEED},0")
-    source = Receivers(receiver("open-sky"), seed=5)
-    for k in range(300):
-        x, y = (value / 111e3 for value in source.draw(float(k), 0.0).tractor)
+    for k, drawn in enumerate(drive("open-sky", 0.0, 300, seed=5, period=1.0)):
+        x, y = drawn[:2] / 111e3
         rest.append(f"2024/06/24 08:{k // 60:02}:{k % 60:02}.000 {y:.10f} {x:.10f} 0 1 9")
     for name, lines in zip(receivers.FILES, (rest, solution, truth), strict=True):
         (folder / name).write_text("\n".join(lines))

@@ -36,7 +36,11 @@ def driven():
 def test_a_sample_stands_under_the_names_of_its_components_beside_its_time():
     for sensor, parts in COMPONENTS.items():
         value = tuple(10.0 + k for k in range(len(parts)))
-        samples = sample_rows([Measurement(0.7, sensor, value)] * 2)
+        status = 0
+        if parts[-1] == "status":
+            *value, status = value
+        samples = sample_rows([Measurement(0.7, sensor, tuple(value), status)] * 2)
+        value = (*value, status) if status else value
         times, rows = measurement_rows(samples, np.zeros(2), np.array([0.9]))
         assert times.tolist() == [0.9, 0.9], "a row has one sample of a sensor"
         np.testing.assert_array_equal(*rows)

@@ -10,9 +10,10 @@ from proving_ground.testbed.sensing.receivers import (
     FLOAT,
     SHARED_VARIANCE,
     TABLE,
-    Receivers,
     receiver,
 )
+
+from tests.testbed import receiver_drive
 
 PERIOD = 0.2
 PLACES = ("open-sky", "wood", "street")
@@ -23,9 +24,7 @@ WRONG = 0.3  # as in the records [m]
 @cache
 def drive(place, speed=1.0, n=60_000, seed=1):
     """Errors (n, 4) of x and y of both antennas, and states (n, 2)."""
-    source = Receivers(receiver(place), seed)
-    drawn = [source.draw(k * PERIOD, k * PERIOD * speed) for k in range(n)]
-    return np.array([[*e.tractor, *e.trailer] for e in drawn]), np.array([e[2:] for e in drawn])
+    return np.split(receiver_drive.drive(place, speed, n, seed, PERIOD), [4], axis=1)
 
 
 def autocorrelation(errors, lag):
@@ -113,16 +112,6 @@ def test_a_float_solution_starts_near_the_fix_and_leaves_it(place):
         assert np.sqrt(np.mean(errors[rows, :2] ** 2)) == pytest.approx(expected, rel=0.15)
 
 
-def test_errors_depend_on_the_seed_alone_and_a_copied_state_goes_on():
-    errors, _ = drive("street")
-    assert not np.array_equal(errors[:10], drive("street", n=10, seed=2)[0])
-    source, other = (Receivers(receiver("street"), 1) for _ in range(2))
-    for k in range(100):
-        assert [*source.draw(k * PERIOD, k * PERIOD).tractor] == errors[k, :2].tolist()
-    other.state[:] = source.state
-    assert other.draw(20.0, 20.0) == source.draw(20.0, 20.0)
-
-
 def test_the_first_epoch_is_that_of_a_long_drive():
-    first = np.array([Receivers(receiver("wood"), s).draw(0.0, 0.0).tractor for s in range(1000)])
-    assert np.median(np.abs(first)) == pytest.approx(0.6745 * receiver("wood").sd, rel=0.3)
+    first = np.array([drive("wood", n=1, seed=seed)[0][0, 0] for seed in range(1000)])
+    assert np.median(np.abs(first)) == pytest.approx(0.6745 * receiver("wood").sd, rel=0.1)

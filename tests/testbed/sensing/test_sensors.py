@@ -1,5 +1,5 @@
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.randomness import generator
+from proving_ground.testbed.sensing.receivers import NORMALS, advance, new_state, receiver
 from proving_ground.testbed.sensing.sensor_specification import (
     ImuSpecification,
     SensorSpecification,
@@ -92,6 +93,7 @@ REST = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH, Sensor.E
         ({"encoder_on": "ground"}, (*GNSS, Sensor.HITCH)),
         ({"gnss_error": "correlated"}, REST),
         ({"gnss_error": "non-gaussian"}, REST),
+        ({"gnss_error": "street"}, REST),
         ({"gnss_antenna": "raw"}, REST),
         ({"imu": ImuSpecification(on=True)}, tuple(LENGTH)),
     ],
@@ -152,6 +154,29 @@ def test_the_bias_of_an_imu_is_drawn_once_a_run():
         np.testing.assert_array_equal(run, np.tile(run[0], (len(run), 1)))
     drawn = np.array([run[0] for run in runs]).std(axis=0)
     np.testing.assert_allclose(drawn, [0.02, 0.01, 0.01], rtol=4 / math.sqrt(2 * len(runs)))
+
+
+def test_positions_have_the_errors_of_receivers_that_travel_as_far():
+    """Also where the way bends; the status of each solution comes with it."""
+    suite = SensorSuite(SensorSpecification(gnss_error="street"), 0.002, 3, LEVERS)
+    times = 0.04 * np.arange(500)
+    x, y = np.cos(times), np.sin(times)
+    states = [
+        truth(time_s=t, tractor={"x": a, "y": b}) for t, a, b in zip(times, x, y, strict=True)
+    ]
+    parts = [
+        suite.sample(moments(*states[k : k + 7]).rows, 20 * k, 20)[0] for k in range(0, 500, 7)
+    ]
+    rows = np.concatenate(parts)
+    rows = rows[rows[:, 1] == 0]
+    normals = generator(3, f"sensor/{Sensor.GNSS_TRACTOR}").standard_normal((100, NORMALS))
+    parameters, state, out = np.array(astuple(receiver("street"))), new_state(), np.empty(6)
+    for k, row in enumerate(rows):
+        way = 5 * 2 * math.sin(0.02) if k else 0.0
+        advance(state, parameters, normals[k], 0.2 * k, way, out)
+        expected = [x[5 * k] + out[0], y[5 * k] + out[1], out[4]]
+        np.testing.assert_allclose(row[2:], expected, atol=1e-9)
+    assert {sample.status for sample in measurements_of(rows)} == {1, 2}
 
 
 # --- latency, resolution ---------------------------------------------------------------------
