@@ -204,7 +204,7 @@ def soil_steps(
     """
     clock[0] = 0
     given = flags[0]
-    places, qpos, qvel, ctrl = moment[0], moment[3], moment[4], moment[6]
+    places, qpos, qvel, ctrl = moment[0], moment[3][0], moment[3][1], moment[3][3]
     free = looked[-1]  # distance that the chassis can move without meeting the ground [m]
     for i in range(qpos.size):
         if looked[i] != qpos[i]:

@@ -32,7 +32,7 @@ from ..truth import WHEELS, Moments, Truth
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
-from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics_model
+from ..vehicle.vehicle_model import build_spec, level_model, physics_model
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import Tyres
 from ..wheels.tyre_kernel import Output
@@ -197,14 +197,13 @@ class Plant:
         return self._reader.lever_arms
 
     @cached_property
-    def _level(self) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
+    def _level(self) -> tuple[mujoco.MjModel, str]:
         return level_model(self._spec)
 
     @property
     def mjcf(self) -> str:
         """MJCF of the whole model as MuJoCo compiled it, without the heights of the ground."""
-        rows, columns = self.terrain.heights.shape
-        return level_mjcf(self._level[1], (rows, columns))
+        return self._level[1]
 
     @property
     def scenery(self) -> Scenery:

@@ -53,8 +53,11 @@ class TruthReader:
             float(rear_radius),
             implement.settings.behind_m if implement else 0.0,
             # views of MuJoCo's arrays, bound once: they outlive a reset of the data
-            *(data.qpos, data.qvel, data.act, data.ctrl, data.xpos, data.xquat, data.xmat),
-            *(data.cvel, data.subtree_com, data.site_xpos, output),
+            (
+                *(data.qpos, data.qvel, data.act, data.ctrl, data.xpos, data.xquat, data.xmat),
+                *(data.cvel, data.subtree_com, data.site_xpos),
+            ),
+            output,
             *((implement.lift, implement.output) if implement else (np.zeros(2), np.zeros((0, 3)))),
         )
 
@@ -79,36 +82,26 @@ def write_moment(
     places: np.ndarray,
     rear_radius: float,
     behind: float,
-    qpos: FloatArray,
-    qvel: FloatArray,
-    act: FloatArray,
-    ctrl: FloatArray,
-    xpos: FloatArray,
-    xquat: FloatArray,
-    xmat: FloatArray,
-    cvel: FloatArray,
-    com: FloatArray,
-    sites: FloatArray,
+    state: tuple[FloatArray, ...],
     output: FloatArray,
     lift: FloatArray,
     worked: FloatArray,
 ) -> None:
-    """Write the present state as one of `Moments`.
+    """Write the present state as one of `Moments`: `row`, `poses` and `tool` are written.
 
     Args:
         time: [s].
-        row: (TRUTH_SIZE,), written.
-        poses: (bodies, 7), written.
-        tool: (TOOL_SIZE + 3 n,), written, or (0,) without an implement.
+        row, poses, tool: one of each of the arrays of `Moments`.
         places: (11,) bodies of tractor, drawbar and trailer; sites of the antennas; positions of
             beta, delta_t and delta_i; velocities of the rear wheels; activation of the hydrostat.
         rear_radius: of the driven wheels [m].
         behind: distance of the tool point behind the trailer point [m].
-        qpos, qvel, act, ctrl, xpos, xquat, xmat, cvel, com, sites: MuJoCo's arrays.
+        state: MuJoCo's qpos, qvel, act, ctrl, xpos, xquat, xmat, cvel, subtree_com, site_xpos.
         output: (6, 7) report of the wheels.
         lift: (2,) lowered share of the implement, distance driven [m].
         worked: (n, 3) depth, draft and side force of its points.
     """
+    qpos, qvel, act, ctrl, xpos, xquat, xmat, cvel, com, sites = state
     tractor, drawbar, trailer = places[0], places[1], places[2]
     row[0] = time
     for axle in range(2):  # of tractor and trailer
