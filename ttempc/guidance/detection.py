@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import InvalidTuning
 from ..jit import cached_njit
-from ..layout import ALARM, INNOVATION, SAMPLE, measurements_of, sample_rows
+from ..layout import ALARM, FLOAT, INNOVATION, SAMPLE, measurements_of, sample_rows
 from ..models.augmented_state import SensorIndex
 from ..types import (
     Command,
@@ -344,6 +344,9 @@ def _observe_speeds(
         if sensor > SensorIndex.GNSS_TRAILER:
             continue
         kept = s.positions[sensor]
+        if rows[row, 4] == FLOAT:  # nor are fixes before and after it of one solution
+            kept[0, 0] = 0.0
+            continue
         count = _remember(kept, time_s - _SPAN_S - 1e-6, math.nan, 0.0, 0.0)
         if count:
             span_s = time_s - kept[count, 0]
