@@ -35,9 +35,8 @@ SENSOR_PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
             # Assumed. Receivers state below 0.02 s where they extrapolate the base station's
             # phase, and 0.5 to 2 s where they wait for it (manuals of Trimble BD950 and 5700).
             "gnss_latency_s": 0.2,
-            # Assumed: 12 bit over a turn, 0.5 per cent as data sheets of potentiometers have it, and
-            # an offset as it is left by a driver who finds the middle on a straight line. A constant
-            # degree is worse than one of white noise, of which these sensors have little.
+            # Assumed: 12 bit over a turn, a linearity as in data sheets of potentiometers, and the
+            # offset that is left where a driver finds the middle on a straight line.
             "angle_sd_deg": 0.2,
             "angle_resolution_deg": 0.1,
             "angle_offset_deg": 1.0,
@@ -104,8 +103,8 @@ class SensorSpecification:
 
     preset: SensorPreset = "paper"
     """Preset that gives the absent keys of a file: "paper", white noise at the axle points, or
-    "field", receivers under an open sky, late, antennas on masts, an IMU, and
-    angle sensors with an offset (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""
+    "field", receivers under an open sky, late, antennas on masts, an IMU, and angle sensors
+    with an offset (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""
     gnss_rate_hz: RateHz = 5.0
     """Sampling rate of both RTK receivers."""
     gnss_sd_m: NotNegative = 0.03
