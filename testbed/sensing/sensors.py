@@ -19,7 +19,7 @@ from ttempc.jit import cached_njit
 from ttempc.layout import SAMPLE
 from ttempc.types import FloatArray, Sensor
 
-from ..discretisation import delay_steps, whole_steps
+from ..discretisation import whole_steps
 from ..randomness import generator
 from ..truth import ANTENNA_COLUMNS, MOTION
 from .receivers import NORMALS, advance, new_state, receiver
@@ -234,7 +234,7 @@ class SensorSuite:
         """Return an entry of `_SENSOR`."""
         period_s, timestep = self.specification.period_s(sensor), self.timestep
         every = whole_steps(period_s, timestep, f"rate of sensor {sensor} ({1.0 / period_s:g} Hz)")
-        delay = delay_steps(latency_s, timestep, f"latency of sensor {sensor}")
+        delay = whole_steps(latency_s, timestep, f"latency of sensor {sensor}", least=0)
         fill = 3 - len(columns)
         grid = (*resolution, *fill * (0.0,))
         columns, size = (*columns, *fill * (0,)), len(columns)

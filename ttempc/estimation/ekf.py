@@ -37,13 +37,11 @@ from ..types import (
 from ..vehicle import Vehicle
 from .filter import (
     COMPLETE,
-    FILTER,
     HELD,
     HISTORY,
     MOMENT,
     ROW,
     SAME_TIME_S,
-    SPACING_S,
     acting,
     filter_parameters,
     first_moment,
@@ -83,7 +81,7 @@ class ExtendedKalmanFilter:
     updates and samples the filter starts anew, see `observe_filter`, at a cost that does not depend
     on the length of the gap.
 
-    With `keeps_all`, `moments` has a state at every time of a sample, else at every update.
+    With `keeps_all`, `moments` has a state at every time of a sample.
 
     Time stamps may count from any epoch. Those that differ by less than `SAME_TIME_S` count as
     equal wherever the filter compares times of samples with times of updates.
@@ -115,7 +113,7 @@ class ExtendedKalmanFilter:
         self._keeps_all = keeps_all
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
-        self._state = history, np.empty((49, ROW)), np.empty((512, HELD)), np.empty((32, 4))
+        self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.empty((32, 4))
 
     @property
     def state(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -172,8 +170,7 @@ class ExtendedKalmanFilter:
         """
         history, moments, samples, commands = self._state
         h = history.view(HISTORY)[0]
-        spaced = 2 + int(self.parameters.view(FILTER)[0]["memory_s"] / SPACING_S)
-        more, ring = rows if self._keeps_all else spaced, len(moments) - 1
+        more, ring = rows + 1 if self._keeps_all else 16, len(moments) - 1
         if h["moments"] + more > ring:
             order = (h["begin"] + np.arange(ring)) % ring
             larger = np.empty((2 * ring + more + 1, ROW))

@@ -51,11 +51,10 @@ _UNWEIGHED: Final = int(SensorIndex.IMU_TRACTOR)  # the first sensor without a r
 SAME_TIME_S: Final = 1e-6
 """Times that differ by less are one: four times the resolution of a double at Unix time [s]."""
 
-SPACING_S: Final = 0.2
-"""Between moments in memory at most [s], from which on a late sample processes others again."""
-
 LONGEST_GAP_S: Final = 1.0
 """Without update and sample for longer [s], the filter starts anew, see `observe_filter`."""
+
+_SPACING_S: Final = 0.15  # of moments: they keep up with samples where every update has a late one
 
 _LONGEST_STEP_S: Final = 0.05  # a third of the front steering's lag
 _PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
@@ -79,7 +78,7 @@ FILTER: Final = np.dtype(
         ("dead_times", "f8", _INPUTS),  # [s]
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
-        ("keeps_all", "f8"),  # 1: a moment for each time of a sample, else for each update
+        ("keeps_all", "f8"),  # 1: a moment for each time of a sample
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
         # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
         # vector instructions, which takes four times as long.
@@ -652,8 +651,8 @@ def observe_filter(
             if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
                 continue
             if sample[0] > now[0]:
-                if now[0] == start_s or f.keeps_all or now[0] - kept_s >= SPACING_S:
-                    before, h.moments, kept_s = now, h.moments + 1, now[0]
+                if f.keeps_all or now[0] - kept_s >= _SPACING_S or now[0] == start_s:
+                    before, kept_s, h.moments = now, sample[0], h.moments + 1
                     now = moments[(h.begin + h.moments - 1) % ring]
                     for i in range(entries):
                         now[i] = before[i]

@@ -157,16 +157,13 @@ def side_ratio(slip_angle: float, slip: float, bn: float) -> float:
         slip: driving positive.
         bn: mobility number of the wheel, at its rated load.
     """
-    law = SoilLaw()
+    law = SoilLaw(tyre="radial")
     bn_area, m_area = tyres_of(farm().vehicle).mobility_areas(law)[_REAR]
     numbers, m = np.array([bn]), np.array([bn * m_area / bn_area])
     # the slip angle of the law refers to the speed of travel, or of sliding where it is larger
     travel = max(math.cos(slip_angle), math.cos(slip_angle) * slip / (1.0 - slip))
     angle = np.arctan(np.array([math.sin(slip_angle) / travel]))
-    traction, side = law.combined_ratios(numbers, m, slip, angle)
-    pull = traction - law.soil_resistance_ratio(numbers, np.array([slip]))
-    used = np.hypot(pull / law.largest_traction_ratio(numbers), side / law.largest_side_ratio(m))
-    return float(side[0] / max(1.0, used[0]))
+    return float(law.combined_ratios(numbers, m, slip, angle)[1][0])
 
 
 def combined_slip() -> list[Figure]:
