@@ -12,7 +12,7 @@ from ..models.kinematics import articulated_jacobian, trailer_point_jacobian, wr
 from ..models.linear import zero_order_hold
 from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, State
+from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Shared, State
 from ..vehicle import CommandLimits, Vehicle
 from .lmpc import OutputBounds, StageBounds, Work
 
@@ -23,7 +23,7 @@ def rotation(angle: FloatArray) -> FloatArray:
     return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
 
 
-class PredictedPath:
+class PredictedPath(Shared):
     """Path of both axle points under a plan, to first order in the errors."""
 
     def __init__(self, grid: ReferenceSample) -> None:

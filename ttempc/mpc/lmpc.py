@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidTuning, check_choice, check_count, check_vector
 from ..jit import cached_njit
 from ..models.kinematics import Error
-from ..types import FloatArray, Input, SolverReport
+from ..types import FloatArray, Input, Shared, SolverReport
 from .qp import (
     FREE,
     HOLDS,
@@ -285,7 +285,7 @@ def are_slack(k: int, stages: Stages, work: Work) -> bool:
     return True
 
 
-class CondensedHorizon:
+class CondensedHorizon(Shared):
     """QPs of all ticks along a reference; only the state and the previous input are left open.
 
     The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). The states of the
