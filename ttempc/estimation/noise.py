@@ -173,7 +173,7 @@ class ProcessNoise:
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
-    side_per_slope: float = 0.23  # side slip on the slope that IMUs show [rad/rad]; from runs
+    side_per_slope: float = 0.17  # side slip on the slope that IMUs show [rad/rad]; from runs
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
     bump_m: float = 0.1  # correlation length of the wheel slip on bumps [m]; from recorded speeds
@@ -192,11 +192,13 @@ class ProcessNoise:
     def of(cls, vehicle: Vehicle) -> ProcessNoise:
         """Return the noise of a vehicle.
 
-        A tool in the soil pushes the trailer wherever soil and depth change. With one, the walks of
-        the side slips are those of least error at the tool on four laps of `cultivate`, which are
-        likelier there, too; vehicles without one track worse with them.
+        A tool in the soil pushes the trailer wherever soil and depth change, and steadies it. With
+        one, slips have the values of least error at the tool on four laps of `cultivate`; vehicles
+        without a tool track worse with them.
         """
-        return cls(slip_walk=0.0006, side_walk=0.0036) if vehicle.tool_behind else cls()
+        if not vehicle.tool_behind:
+            return cls()
+        return cls(slip_walk=0.0006, side_walk=0.0036, slip_lateral=0.0112, yaw_t=0.007)
 
     @property
     def scales(self) -> FloatArray:

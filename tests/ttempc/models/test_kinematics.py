@@ -65,11 +65,14 @@ def test_wheels_slip_sideways_by_the_disturbance(vehicle):
         for slips in (np.zeros(5), disturbance):
             rate = articulated(state, inputs, vehicle, slips)
             trailer_velocity = trailer_point_jacobian(state, vehicle) @ rate
-            for velocity, yaw, slip in (
-                (rate[:2], state[State.PSI_T], slips[Disturbance.SLIP_T]),
-                (trailer_velocity, state[State.PSI_I], slips[Disturbance.SLIP_I]),
+            swing = (
+                vehicle.trailer_turning_offset * rate[State.PSI_I]
+            )  # of the axle about its place
+            for velocity, yaw, slip, behind in (
+                (rate[:2], state[State.PSI_T], slips[Disturbance.SLIP_T], 0.0),
+                (trailer_velocity, state[State.PSI_I], slips[Disturbance.SLIP_I], swing),
             ):
-                across = velocity @ [-math.sin(yaw), math.cos(yaw)]
+                across = velocity @ [-math.sin(yaw), math.cos(yaw)] - behind
                 assert across == pytest.approx(state[State.V] * slip, abs=1e-12)
 
 
