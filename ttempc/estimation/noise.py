@@ -173,7 +173,7 @@ class ProcessNoise:
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
-    side_per_slope: float = 0.17  # side slip on the slope that IMUs show [rad/rad]; from runs
+    side_per_slope: float = 0.0  # side slip on the slope that IMUs show [rad/rad]; 0: not used
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
     bump_m: float = 0.1  # correlation length of the wheel slip on bumps [m]; from recorded speeds
@@ -198,7 +198,13 @@ class ProcessNoise:
         """
         if not vehicle.tool_behind:
             return cls()
-        return cls(slip_walk=0.0006, side_walk=0.0036, slip_lateral=0.0112, yaw_t=0.007)
+        return cls(
+            slip_walk=0.0006,
+            side_walk=0.0036,
+            slip_lateral=0.0112,
+            yaw_t=0.007,
+            side_per_slope=0.17,
+        )
 
     @property
     def scales(self) -> FloatArray:
