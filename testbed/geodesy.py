@@ -1,8 +1,6 @@
 """Geodesy: conversions between degrees on the WGS 84 ellipsoid and metres in the map frame."""
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -16,36 +14,21 @@ _FLATTENING: Final = 1.0 / 298.257223563
 _ECCENTRICITY_SQUARED: Final = _FLATTENING * (2.0 - _FLATTENING)
 
 
-@dataclass(frozen=True)
-class Datum:
-    """Geodetic position of the origin of the map frame (WGS 84)."""
-
-    latitude_deg: float
-    longitude_deg: float
-
-    @cached_property
-    def metres_per_degree(self) -> tuple[float, float]:
-        """Length of a degree of latitude and of a degree of longitude at the origin [m]."""
-        latitude = math.radians(self.latitude_deg)
-        w = math.sqrt(1.0 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2)
-        meridian_m = _SEMI_MAJOR_M * (1.0 - _ECCENTRICITY_SQUARED) / w**3
-        parallel_m = _SEMI_MAJOR_M / w * math.cos(latitude)
-        return math.radians(meridian_m), math.radians(parallel_m)
-
-    def degrees(self, east_m: float, north_m: float) -> tuple[float, float]:
-        """Return latitude and longitude [deg] of a point of the map frame.
-
-        The field is a plane. With the ellipsoid's radii of curvature at the origin the error grows
-        with the square of the distance, to 0.3 mm at 50 m.
-        """
-        north_per_degree, east_per_degree = self.metres_per_degree
-        return (
-            self.latitude_deg + north_m / north_per_degree,
-            self.longitude_deg + east_m / east_per_degree,
-        )
+ORIGIN_DEG: Final = 50.86, 4.68
+"""Latitude and longitude of the map's origin for viewers; assumed: open land near Leuven."""
 
 
-DATUM: Final = Datum(50.86, 4.68)  # for viewers that draw a map; assumed: open land near Leuven
+def degrees(points: FloatArray, origin_deg: tuple[float, float] = ORIGIN_DEG) -> FloatArray:
+    """Return latitudes and longitudes [deg] of points of the map frame (..., 2) [m].
+
+    The field is a plane. With the ellipsoid's radii of curvature at the origin the error grows
+    with the square of the distance, to 0.3 mm at 50 m.
+    """
+    latitude = math.radians(origin_deg[0])
+    w = math.sqrt(1.0 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2)
+    meridian_m = _SEMI_MAJOR_M * (1.0 - _ECCENTRICITY_SQUARED) / w**3
+    parallel_m = _SEMI_MAJOR_M / w * math.cos(latitude)
+    return origin_deg + np.degrees(points[..., ::-1] / (meridian_m, parallel_m))
 
 
 def east_north(

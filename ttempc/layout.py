@@ -163,7 +163,7 @@ TICK: Final = np.dtype(
         ("solver", "f8", 5),  # accepted, iterations, primal, dual residual, whether a fallback
         ("law", "f8"),  # why another law than the controller's own acted, a code of its own
         ("leaves_corridor", "f8"),
-        ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.supervise`
+        ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.supervisor`
         ("reason", "f8"),  # of a mode or of half speed, likewise
         ("jump_m", "f8"),  # of the error; 0: none
         ("cut", "f8", 3),  # what is wrong with a user's command, likewise

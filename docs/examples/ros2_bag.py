@@ -13,7 +13,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
-from proving_ground.testbed.geodesy import DATUM
+from proving_ground.testbed.geodesy import degrees
 from proving_ground.testbed.log.reader import read_content, record_of
 from proving_ground.testbed.log.scene import attachment, lines_of, motion_of
 from proving_ground.testbed.messages.encoding import headings, nanoseconds, quaternions
@@ -54,7 +54,7 @@ def make(kind, **values):
 
 
 def stamp(time_s):
-    sec, nanosec = divmod(nanoseconds(time_s), 10**9)
+    sec, nanosec = divmod(int(nanoseconds(time_s)), 10**9)
     return make("builtin_interfaces/Time", sec=sec, nanosec=nanosec)
 
 
@@ -135,7 +135,7 @@ def imu(time_s, frame, yaw_rate, roll, pitch):
 
 
 def fix(time_s, frame, x, y):
-    latitude, longitude = DATUM.degrees(x, y)
+    latitude, longitude = degrees(np.array([x, y]))
     return make(
         "sensor_msgs/NavSatFix",
         header=header(time_s, frame),
@@ -228,12 +228,12 @@ def messages(log):
     points = {}  # frames of both axle points by time [ns]
     for frame, suffix in FRAMES.values():
         for time_s, place in zip(state.time_s.tolist(), places(state, suffix), strict=True):
-            of_time = points.setdefault(nanoseconds(time_s), [])
+            of_time = points.setdefault(int(nanoseconds(time_s)), [])
             of_time.append(transform(time_s, frame, place[:3], attitude(*place[3:])))
     for time_s, xyz, quat in zip(motion.time_s, motion.xyz, motion.quat, strict=True):
         bodies = zip(motion.body_names, xyz.tolist(), quat.tolist(), strict=True)
         frames = [transform(time_s, *body) for body in bodies]
-        frames += points.get(nanoseconds(time_s), [])
+        frames += points.get(int(nanoseconds(time_s)), [])
         yield "/tf", time_s, make("tf2_msgs/TFMessage", transforms=frames)
     yield from truth(state)
     yield from estimates(record["/estimate"])
@@ -267,7 +267,7 @@ def convert(log, bag):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
             data = STORE.serialize_cdr(message, kind)
-            writer.write(connections[topic], nanoseconds(time_s), data)
+            writer.write(connections[topic], int(nanoseconds(time_s)), data)
 
 
 if __name__ == "__main__":

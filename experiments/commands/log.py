@@ -47,7 +47,7 @@ def export(arguments: argparse.Namespace) -> int:
     place = log.with_suffix(".rrd") if rerun else log.with_name(f"{log.stem}-{form}")
     files = export_log(content, arguments.out or place, form)
     note = f", to be opened with: rerun {files[0]}" if rerun else ""
-    if content.salvage is not None:
+    if content.salvage:
         print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
     print("\n".join(f"{file}{note}" for file in files))
     return 0
@@ -56,8 +56,8 @@ def export(arguments: argparse.Namespace) -> int:
 @command(options.LOG, out("NEW.mcap", "the readable part as a whole log; default: none"))
 def check(arguments: argparse.Namespace) -> int:
     """Is a log whole, complete, of this version? With -o, recover a torn one."""
-    from ...testbed.log.reader import read_content, recover
-    from ..logs.check import check_log
+    from ...testbed.log.reader import read_content
+    from ..logs.check import check_log, recover
 
     content = read_content(arguments.log)
     checks = check_log(content)

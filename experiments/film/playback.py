@@ -196,7 +196,7 @@ def read_playback(file: Path) -> Playback:
     topics = {EVENT_TOPIC, REFERENCE_PATH_TOPIC, TRANSFORMS_TOPIC, *_PREDICTED_PATHS}
     topics |= {channel.topic for channel in (*_CHANNELS, TOOL)}
     content = read_content(file, topics.__contains__)
-    if content.salvage is not None:
+    if content.salvage:
         raise InvalidFilm(
             f"{file}: is torn ({content.salvage}); first: ttempc log check {file} -o NEW.mcap"
         )

@@ -1,13 +1,17 @@
-"""Check of a log for completeness, and its description as text."""
+"""Check of a log for completeness, recovery of a torn one, and its description as text."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from ...testbed.atomic_write import atomic_write
+from ...testbed.errors import LogError
 from ...testbed.ground.ground import GROUND_FILE
-from ...testbed.log.reader import Content, record_of
+from ...testbed.log.reader import RECOVERED_KEY, Content, record_of
+from ...testbed.log.writer import begin_log, refuse_existing_log
 from ...testbed.recording.channels import (
     CONTROL,
     ESTIMATE,
@@ -52,7 +56,7 @@ def check_log(content: Content) -> list[LogCheck]:
     written_s = 1e-9 * np.array(times.get(STATE.topic, []))
     stamped = np.allclose(state.time_s, written_s, rtol=0.0, atol=1e-6)
     return [
-        LogCheck("whole", content.salvage is None, state_of(content)),
+        LogCheck("whole", not content.salvage, state_of(content)),
         LogCheck("attachments", not files, f"missing: {', '.join(files) or 'none'}"),
         LogCheck("topics", not topics, f"nothing on: {', '.join(topics) or 'none'}"),
         LogCheck("time", not backwards, f"backwards on {', '.join(backwards) or 'none'}"),
@@ -71,7 +75,28 @@ def check_log(content: Content) -> list[LogCheck]:
 
 def state_of(content: Content) -> str:
     """Return "whole", or what is torn or damaged."""
-    return "whole" if content.salvage is None else f"torn or damaged: {content.salvage}"
+    return f"torn or damaged: {content.salvage}" if content.salvage else "whole"
+
+
+def recover(content: Content, file: Path) -> None:
+    """Write the content of a log to a new log, its messages byte for byte.
+
+    Raises:
+        LogError: the file or its partial file exists, or it cannot be written; no new file is left.
+    """
+    refuse_existing_log(file)
+    extent = {RECOVERED_KEY: content.salvage} if content.salvage else {}
+    try:
+        with atomic_write(file) as stream:
+            metadata, topics = {**content.metadata, **extent}, content.topics.values()
+            log, numbers = begin_log(stream, metadata, content.attachments, topics)
+            for name, number in numbers.items():
+                for message in content.messages.get(name, []):
+                    data = np.frombuffer(message.data, np.uint8)
+                    log.add(number, np.array([message.log_time]), data[None])
+            log.finish()
+    except OSError as error:
+        raise LogError(f"{file}: cannot be written: {error.strerror}") from error
 
 
 def log_info(content: Content) -> dict[str, Any]:

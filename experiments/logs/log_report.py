@@ -35,12 +35,9 @@ def report_of_log(log: Path) -> str:
         raise InvalidReplay(f"{log}: has no {_SCENARIO} or no state, as a log that was cut early")
     if not {"scenario", "controller"} <= {*record.metadata} or not _seed(record).isdecimal():
         raise InvalidReplay(f"{log}: does not say scenario, controller and seed of its run")
-    metadata = dict(record.metadata)
-    if content.salvage is not None:
-        metadata[SALVAGED_KEY] = str(content.salvage)
     text = content.attachments[_SCENARIO].decode(errors="replace")
     source = ScenarioFile(log, parse_toml(text, InvalidReplay, f"{log}: {_SCENARIO}"))
-    summary = summarise(record, _facts(log, replace(record, metadata=metadata), text))
+    summary = summarise(record, _facts(log, record, text))
     kept = [event for event in record.events if not event.text.startswith(_SAID_ELSEWHERE)]
     return render_run_report(
         summary,

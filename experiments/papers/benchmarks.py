@@ -12,7 +12,6 @@ beyond its limit is marked as missed.
 import argparse
 import importlib
 import itertools
-import math
 import os
 import resource
 import subprocess
@@ -22,26 +21,20 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from types import FrameType, FunctionType
-from typing import Any, Final
+from typing import Final
 
 import mujoco
 import numpy as np
-from scipy.integrate import solve_ivp
 
-from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.guidance import Guidance
-from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
-from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Command, Estimate, FloatArray
-from ttempc.vehicle import Vehicle
+from ttempc.types import Command
 
 from ...testbed.ground import terrain
 from ...testbed.ground.soil import SoilMap
 from ...testbed.randomness import generator
+from ...testbed.recording.channels import TIMING
 from ...testbed.recording.provenance import machine
 from ...testbed.recording.record import Recorder, Tee
 from ...testbed.simulation import compiled_steps
@@ -49,7 +42,7 @@ from ...testbed.simulation.loop import STAGES
 from ...testbed.simulation.plant import Plant
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..run.assembly import assemble
-from ..run.simulate import describe, drive_into, open_log, simulate
+from ..run.simulate import describe, drive_into, open_log
 from ..scenario.scenario import load
 from ..sweep.engine import engine
 from ..sweep.folder import Origin, SweepFolder
@@ -63,9 +56,7 @@ from ..threads import use_one_thread
 from .study import Study
 from .tables import markdown
 
-PERIOD_S: Final = 0.2
 SEED: Final = 1
-NOISE: Final = np.array([0.01, 0.01, 0.005, 0.005, 0.002, 0.002, 0.01])  # m, rad, m/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,101 +81,39 @@ class Figure:
         return text if held else f"{text} **missed**"
 
 
-# --- Control step ---------------------------------------------------------------------------------
+# --- Guidance -------------------------------------------------------------------------------------
+
+PAUSES: Final = {
+    "without a pause": (0.0, False),
+    "after 20 ms of sleep": (0.02, False),
+    "after 20 ms of sleep, prepared": (0.02, True),
+}
+"""Sleep before a tick [s], after which caches hold the work of others, and use of `prepare`."""
 
 
-def estimates_along(name: str, ticks: int) -> tuple[Vehicle, Reference, list[Estimate]]:
-    """Return noisy estimates of a controller along half a figure eight on the kinematic model."""
-    vehicle = Vehicle()
-    reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
-    controller = make_controller(name, vehicle, reference, PERIOD_S)
-    random, state, estimates = np.random.default_rng(SEED), reference.at(0.0).state, []
-    for k in range(ticks):
-        noisy = state + NOISE * random.standard_normal(7)
-        estimate = Estimate(
-            time_s=k * PERIOD_S,
-            state=noisy,
-            covariance=np.diag(NOISE**2),
-            trailer_xy=trailer_point(noisy, vehicle),
-            hitch_angle=hitch_angle(noisy),
-        )
-        estimates.append(estimate)
-        command = controller.step(estimate, k).command.as_array()
-        state = solve_ivp(
-            lambda _, x, u=command: articulated(x, u, vehicle), (0.0, PERIOD_S), state
-        ).y[:, -1]
-    return vehicle, reference, estimates
+def ticks(overrides: Sequence[str] = ("path.laps=1",)) -> list[Figure]:
+    """Return quantiles of `Guidance.update` and `Guidance.step` along `grass`, by kind of pause."""
+    found, quantiles = [], {"median": 0.5, "p99": 0.99, "max": 1.0}
+    for kind, (pause_s, prepared) in PAUSES.items():
+        recorder, assembly = Recorder(), assemble(load("grass", overrides)[1], SEED)
 
-
-def timed(
-    controller: Any,  # noqa: ANN401 - a tracking controller
-    estimates: Sequence[Estimate],
-    pause_s: float = 0.0,
-    prepared: bool = False,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the times of steps [us] and their solver iterations, (N,) each."""
-    steps, iterations = np.zeros(len(estimates)), np.zeros(len(estimates))
-    for k, estimate in enumerate(estimates):
-        if pause_s:
+        def wait(_: int, pause_s: float = pause_s) -> None:
             time.sleep(pause_s)
-        if prepared:
-            controller.prepare(k)
-        begin = time.perf_counter()
-        report = controller.step(estimate, k).diagnostics.solver
-        steps[k] = time.perf_counter() - begin
-        iterations[k] = report.iterations if report else 0
-    return 1e6 * steps, iterations
 
-
-def control_step(ticks: int = 340, repeats: int = 40) -> list[Figure]:
-    """Return medians of the steps of `ttempc`, each step with its fastest of the repeats."""
-    vehicle, reference, estimates = estimates_along("ttempc", ticks)
-    steps, iterations = [], np.zeros(ticks)
-    for _ in range(repeats):
-        controller = make_controller("ttempc", vehicle, reference, PERIOD_S)
-        taken, iterations = timed(controller, estimates)
-        steps.append(taken)
-    best, active = np.min(steps, axis=0)[1:], iterations[1:] > 0  # the first sets up
-    free = float(np.median(best[~active]))
-    return [
-        Figure("`ttempc` step with PIQP", float(np.median(best[active])), "us"),
-        Figure("`ttempc` step, QP without active bounds", free, "us", most=40.0),
-    ]
-
-
-KINDS: Final = ("without preparation", "with preparation")
-
-
-def latencies(ticks: int, repeats: int, pause_s: float) -> dict[str, FloatArray]:
-    """Return time [us] and solver iterations of steps after a pause, (2, n), by kind.
-
-    The process sleeps before every step, so that caches hold the work of others. With preparation,
-    `prepare` runs between sleep and step, as while a loop waits for the samples.
-    """
-    vehicle, reference, estimates = estimates_along("ttempc", ticks)
-    result = {}
-    for kind in KINDS:
-        steps = []
-        for _ in range(repeats):
-            controller = make_controller("ttempc", vehicle, reference, PERIOD_S)
-            steps.append(np.stack(timed(controller, estimates, pause_s, kind == KINDS[1]))[:, 1:])
-        result[kind] = np.concatenate(steps, axis=1)
-    return result
-
-
-def latency(ticks: int = 340, repeats: int = 4, pause_s: float = 0.02) -> list[Figure]:
-    """Return quantiles of the latency by kind, and its tail where the QP needs no solver."""
-    found = []
-    quantiles = {"median": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
-    for kind, (times, iterations) in latencies(ticks, repeats, pause_s).items():
+        drive_into(recorder, assembly, on_tick=wait, prepared=prepared)
+        update, step, qp = recorder.record()[TIMING].values[1:, :3].T  # the first tick sets up
         for name, share in quantiles.items():
-            found.append(Figure(f"{kind}, {name}", float(np.quantile(times, share)), "us"))
-        tail = float(np.quantile(times[iterations == 0], 0.99))
-        found.append(Figure(f"{kind}, p99 without active bounds", tail, "us", most=100.0))
+            found.append(Figure(f"step, {kind}, {name}", float(np.quantile(step, share)), "us"))
+        if pause_s:
+            tail = float(np.quantile(step[~(qp > 0.0)], 0.99))
+            found.append(Figure(f"step, {kind}, p99 without PIQP", tail, "us", most=100.0))
+        else:
+            both = float(np.median(update + step))
+            found.append(Figure(f"update and step, {kind}, median", both, "us", most=200.0))
     return found
 
 
-# --- Closed loop ----------------------------------------------------------------------------------
+# --- Loop ----------------------------------------------------------------------------------
 
 
 def bare_step_s(steps: int = 500, blocks: int = 20) -> float:
@@ -222,20 +151,21 @@ def soil_step_s(vehicle: PlantVehicle, timestep_s: float = 0.002, blocks: int = 
     return min(times)
 
 
-def _drive(length_m: float, logged: bool) -> tuple[float, float]:
-    """Return processor time of all threads and simulated time of a straight on `grass` [s]."""
+def _drive(length_m: float, logged: bool) -> tuple[float, float, float]:
+    """Return processor time of all threads, simulated time [s] and log [MB] of a straight."""
     overrides = [f"path={{kind='straight',length_m={length_m}}}"]
     name, scenario = load("grass", overrides)
     assembly = assemble(scenario, SEED)
     with tempfile.TemporaryDirectory() as folder:
+        file, about = Path(folder) / "log.mcap", describe(name, scenario, SEED, assembly)
         begin = time.process_time()
         if logged:
-            file, about = Path(folder) / "log.mcap", describe(name, scenario, SEED, assembly)
             with open_log(file, scenario, assembly, assembly.plant.scenery, about) as log:
                 outcome = drive_into(Tee(Recorder(), log), assembly, prepared=False)
         else:
             outcome = drive_into(Recorder(), assembly, prepared=False)
-        return time.process_time() - begin, outcome.duration_s
+        spent = time.process_time() - begin
+        return spent, outcome.duration_s, 1e-6 * file.stat().st_size if logged else 0.0
 
 
 def loop_ratio(
@@ -247,17 +177,18 @@ def loop_ratio(
     between two straights, so that its set-up drops out.
     """
     vehicle, spent = assemble(load("grass", ())[1], SEED).plant.vehicle, defaultdict(list)
-    simulated = {}
+    simulated, size = {}, {}
     for _ in range(repeats):
         spent["bare"].append(bare_step_s(blocks=blocks))
         for timestep_s in (0.002, 0.004):
             spent[timestep_s].append(soil_step_s(vehicle, timestep_s, blocks))
         for logged, length in itertools.product((False, True), lengths):
-            taken, simulated[length] = _drive(length, logged)
+            taken, simulated[length], size[length] = _drive(length, logged)
             spent[logged, length].append(taken)
     least = {what: min(times) for what, times in spent.items()}
     bare, (short, long) = least["bare"], lengths
-    steps = (simulated[long] - simulated[short]) / 0.002
+    duration_s = simulated[long] - simulated[short]
+    steps = duration_s / 0.002
     plain, logged = ((least[log, long] - least[log, short]) / steps for log in (False, True))
     return [
         Figure("frozen bare `mj_step`", 1e6 * bare, "us"),
@@ -266,20 +197,7 @@ def loop_ratio(
         Figure("loop without log / bare step", plain / bare, most=1.4),
         Figure("loop with log / bare step", logged / bare, most=1.6),
         Figure("loop without log, simulated s a s", 0.002 / plain, least=150.0),
-    ]
-
-
-def closed_loop(overrides: Sequence[str] = ()) -> list[Figure]:
-    """Return the cost of the parts of a tick of `grass`, and the size of its log."""
-    name, scenario = load("grass", overrides)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "log.mcap"
-        timing = simulate(name, scenario, SEED, log=file)[0].timing
-        log_mb = 1e-6 * file.stat().st_size
-    return [
-        Figure("log", log_mb, "MB", most=30.0),
-        Figure("estimator, a tick", timing.estimator_us.median or math.nan, "us", most=120.0),
-        Figure("control step, a tick", timing.control_step_us.median or math.nan, "us"),
+        Figure("log, kB a simulated s", 1e3 * (size[long] - size[short]) / duration_s, most=100.0),
     ]
 
 
@@ -331,61 +249,54 @@ _METRE: Final = "path={kind='straight',length_m=1}"
 _COMMAND: Final = (sys.executable, "-m", "proving_ground.experiments.commands.cli")
 
 
-def _process_s(*command: str, repeats: int) -> float:
-    """Return the least processor time of several processes [s]."""
-
-    def spent() -> float:
-        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return usage.ru_utime + usage.ru_stime
-
-    times = [spent()]
-    for _ in range(repeats):
-        subprocess.run(command, check=True, capture_output=True)
-        times.append(spent())
-    return min(after - before for before, after in pairwise(times))
+def _process_s(*command: str, cache: str | None = None) -> float:
+    """Return the processor time of a process [s], with a folder for kernels of its own if given."""
+    begin = resource.getrusage(resource.RUSAGE_CHILDREN)
+    own = {"NUMBA_CACHE_DIR": cache} if cache else {}
+    subprocess.run(command, check=True, capture_output=True, env={**os.environ, **own})
+    end = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime
 
 
 def start_up(repeats: int = 5) -> list[Figure]:
-    """Return the processor time of help, import, and a run of 1 m; kernels are compiled before."""
-    runs = []
-    for _ in range(1 + repeats):
-        with tempfile.TemporaryDirectory() as folder:
-            run = ("run", "grass", "--out", f"{folder}/run", "--set", _METRE)
-            runs.append(_process_s(*_COMMAND, *run, repeats=1))
-    helped = _process_s(*_COMMAND, "--help", repeats=repeats)
-    imported = _process_s(sys.executable, "-c", "from ttempc import Guidance", repeats=repeats)
+    """Return the processor time of help, import, and a run of 1 m, the first one compiling."""
+    with tempfile.TemporaryDirectory() as folder:
+        outs = (f"{folder}/{k}" for k in itertools.count())
+
+        def run(cache: str | None = None) -> float:
+            words = ("run", "grass", "--out", next(outs), "--set", _METRE)
+            return _process_s(*_COMMAND, *words, cache=cache)
+
+        run()  # kernels are in the cache from here on
+        warm = min(run() for _ in range(repeats))
+        first = run(f"{folder}/kernels")
+        kernels = len([*Path(folder, "kernels").rglob("*.nbi")])
+    imports = (sys.executable, "-c", "from ttempc import Guidance")
     return [
-        Figure("`ttempc --help`", helped, "s", most=0.3),
-        Figure("`from ttempc import Guidance`", imported, "s"),
-        Figure("`ttempc run` of 1 m", min(runs), "s", most=3.0),
+        Figure("`ttempc --help`", min(_process_s(*_COMMAND, "--help") for _ in "12345"), "s", 0.3),
+        Figure("`from ttempc import Guidance`", min(_process_s(*imports) for _ in "12345"), "s"),
+        Figure("`ttempc run` of 1 m", warm, "s", most=3.0),
+        Figure("compilation of its kernels", first - warm, "s", most=12.0),
+        Figure("kernels", kernels, most=60.0),
     ]
 
 
+# --- Sweep ----------------------------------------------------------------------------------------
+
+
 def peak_mb() -> float:
-    """Return the peak memory of this process [MB].
-
-    Where there is /proc, it is read there: `getrusage` of a child begins with the parent's peak.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        lines = status.read_text(encoding="utf-8").splitlines()
-        return float(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024.0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    """Return the peak memory of this process [MB]; `getrusage` begins with that of the parent."""
+    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    return float(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024.0
 
 
-# --- Sweep ---------------------------------------------------------------------------------------
-
-
-def _sweep(seeds: int, workers: int, parent: Path) -> tuple[float, list[Row], float]:
+def _sweep(study: SweepStudy, workers: int, parent: Path) -> tuple[float, list[Row], float]:
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak [MB]."""
-    axis = ListAxis(kind="list", key="controller", values=("ttempc-nominal", "paper"))
     taken, folder = 0.0, None
     with engine(workers) as cores:
-        for name, count in (("first", workers), ("measured", seeds)):
-            study = SweepStudy(seeds=count, set={"path": {"laps": 1}}, axis=(axis,))
-            plan = SweepPlan("benchmark", study)
-            folder = SweepFolder(parent / f"{name}-{workers}", Origin.here("", plan.size))
-            folder.path.mkdir()
+        for seeds in (workers, study.seeds):
+            plan = SweepPlan("benchmark", replace(study, seeds=seeds))
+            folder = SweepFolder(Path(tempfile.mkdtemp(dir=parent)), Origin.here("", plan.size))
             begin = time.perf_counter()
             sweep(plan, folder, cores)
             taken = time.perf_counter() - begin
@@ -396,19 +307,22 @@ def _sweep(seeds: int, workers: int, parent: Path) -> tuple[float, list[Row], fl
 
 def sweeps(seeds: int = 4) -> list[Figure]:
     """Return speed, overhead and memory of workers."""
+    axis = ListAxis(kind="list", key="controller", values=("ttempc-nominal", "paper"))
     found, taken = [], {}
     with tempfile.TemporaryDirectory() as folder:
-        parent = Path(folder)
-        for workers in (1, 2):
-            taken[workers], driven, peak = _sweep(seeds, workers, parent)
+        for workers, timestep_s, least in ((1, 0.002, 150.0), (2, 0.002, 150.0), (2, 0.004, 250.0)):
+            changes = {"path": {"laps": 1}, "plant": {"timestep_s": timestep_s}}
+            study = SweepStudy(seeds=seeds, set=changes, axis=(axis,))
+            spent, driven, peak = _sweep(study, workers, Path(folder))
+            taken.setdefault(workers, spent)
             busy = sum(float(row["wall_s"] or 0.0) for row in driven)
             simulated = sum(float(row["duration_s"] or 0.0) for row in driven)
-            overhead = 100.0 * (workers * taken[workers] / busy - 1.0)
-            on = f"{workers} worker{'s' * (workers > 1)}"
+            overhead = 100.0 * (workers * spent / busy - 1.0)
+            on = f"{workers} worker{'s' * (workers > 1)}, {1e3 * timestep_s:g} ms"
             found += [
-                Figure(f"{on}, simulated s a s and core", simulated / busy, least=110.0),
+                Figure(f"{on}, simulated s a s and core", simulated / busy, least=least),
                 Figure(f"{on}, time without a run", overhead, "%", most=5.0),
-                Figure(f"{on}, peak memory of one", peak, "MB", most=300.0),
+                Figure(f"{on}, peak memory of one", peak, "MB", most=250.0),
             ]
     found.append(Figure("parallel efficiency", taken[1] / (2.0 * taken[2]), least=0.95))
     return found
@@ -417,11 +331,9 @@ def sweeps(seeds: int = 4) -> list[Figure]:
 # --- Table ----------------------------------------------------------------------------------------
 
 PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
-    "control-step": control_step,
-    "latency": latency,
-    "loop-ratio": loop_ratio,
+    "ticks": ticks,
+    "loop": loop_ratio,
     "calls": calls,
-    "closed-loop": closed_loop,
     "start-up": start_up,
     "sweep": sweeps,
 }

@@ -19,10 +19,12 @@ import struct
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+
 from ttempc.reference.reference import Reference
 from ttempc.types import Sensor, State
 
-from ...testbed.geodesy import DATUM, Datum
+from ...testbed.geodesy import ORIGIN_DEG, degrees
 from .link import Received, Refused, RemoteCommand, RunFacts, TickData, WireProtocol
 
 STEER: Final = 254  # from AgOpenGPS: speed, switch, steering angle
@@ -109,15 +111,15 @@ class AgOpenGpsProtocol(WireProtocol):
     Steering with the autosteer button off is no command.
 
     Args:
-        datum: place of the map's origin on earth.
+        origin_deg: latitude and longitude of the map's origin.
     """
 
     name = "agopengps"
     peer_name = "AgOpenGPS"
     space_based = True
 
-    def __init__(self, datum: Datum = DATUM) -> None:
-        self._datum = datum
+    def __init__(self, origin_deg: tuple[float, float] = ORIGIN_DEG) -> None:
+        self._origin_deg = origin_deg
         self._angle_deg = 0.0  # measured last, positive to the right
         self._speed_kmh = 0.0
         self._roll_deg: float | None = None
@@ -167,7 +169,7 @@ class AgOpenGpsProtocol(WireProtocol):
         return self._frames(*place, float(data.estimate.state[State.PSI_T]))
 
     def _frames(self, x: float, y: float, yaw: float) -> Sequence[bytes]:
-        latitude, longitude = self._datum.degrees(x, y)
+        latitude, longitude = degrees(np.array([x, y]), self._origin_deg).tolist()
         heading_deg = 90.0 - math.degrees(yaw)
         position = position_frame(latitude, longitude, heading_deg, self._speed_kmh, self._roll_deg)
         return self._status(), position

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from ttempc.guidance.detection import Alarm, Observation, Reaction, detectors
+from ttempc.guidance.detection import Alarm, Observation, Reaction
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import SafetyLimits, run_on
 from ttempc.reference.path import Projection
@@ -198,7 +198,7 @@ class Session:
         silence = SilenceDetector(self.commands, self._settings.hold_s)
         safety = _FREE if self._protocol.space_based else None
         kind = Guidance if self._settings.lockstep else PacedGuidance
-        guide = partial(kind, safety=safety, detect=(*detectors(), silence))  # pyright: ignore[reportArgumentType] - a detector by shape
+        guide = partial(kind, safety=safety, detect=(silence,))  # pyright: ignore[reportArgumentType] - a detector by shape
         assembly = assemble(scenario, seed, factory, guide=guide)
         guidance = self._guidance = assembly.guidance
         guidance.warm_up()  # so that the peer is not kept waiting by the compiler

@@ -30,6 +30,7 @@ _FORWARD_S: Final = 40.0
 _REVERSE_S: Final = 10.0
 _TOLERANCE: Final = 1e-6  # between processors; a change of a constant changes more
 _SEED: Final = 1
+_NOT_COUNTED: Final = ("description", "plant")
 _NOT_DRIVEN: Final = tuple(
     getattr(loop, name)
     for name in ("prepare", "estimate", "control", "log_control", "log_timing", "terminate")
@@ -58,10 +59,10 @@ def identifier_of(
     """Return version and hash of the tables of scenario files and of results of their checks.
 
     Descriptions do not count. Defaults, vehicle and plant count by the results of the checks: a new
-    key that is off by default changes neither.
+    key that is off by default changes neither, nor does one that keeps a default of the version.
     """
     trials = {
-        name: {key: value for key, value in content.items() if key != "description"}
+        name: {key: value for key, value in content.items() if key not in _NOT_COUNTED}
         for name, content in contents.items()
     }
     text = json.dumps([trials, {**checks}], sort_keys=True)

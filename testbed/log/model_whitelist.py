@@ -30,7 +30,11 @@ _ATTRIBUTES: Final = frozenset(
     condim solmix actuatorfrcrange euler zaxis fovy castshadow active childclass target
     """.split()  # noqa: SIM905 - eighty words
 )
-_PIXELS: Final = ("width", "height", "offwidth", "offheight")
+_MOST: Final = {
+    **dict.fromkeys(("width", "height", "offwidth", "offheight"), _MOST_PIXELS),
+    **dict.fromkeys(("nrow", "ncol"), _MOST_CELLS),
+}
+_COUNT: Final = re.compile(r"[0-9]{1,11}")
 _MEMORY: Final = re.compile(r"[1-9]\d?M")  # of the stack of the simulation, below 100 MB
 
 
@@ -48,17 +52,12 @@ def check_model(text: str) -> None:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise ValueError(f"is no XML: {error}") from None
-    level, elements = 0, [root]
-    while elements:
-        level += 1
-        if level > _MOST_LEVELS:
-            raise ValueError(f"more than {_MOST_LEVELS} elements inside each other")
-        for element in elements:
-            _check_element(element)
-        elements = [below for element in elements for below in element]
+    _check_element(root, 1)
 
 
-def _check_element(element: ElementTree.Element) -> None:
+def _check_element(element: ElementTree.Element, level: int) -> None:
+    if level > _MOST_LEVELS:
+        raise ValueError(f"more than {_MOST_LEVELS} elements inside each other")
     if element.tag not in _ELEMENTS:
         raise ValueError(f"the element {element.tag} is not allowed")
     for name, value in element.attrib.items():
@@ -66,14 +65,10 @@ def _check_element(element: ElementTree.Element) -> None:
             raise ValueError(f"the attribute {name} of {element.tag} is not allowed")
         if name == "memory" and not _MEMORY.fullmatch(value):
             raise ValueError(f"memory is {value!r}, must be from 1M to 99M")
-        if name in _PIXELS and not _at_most(value, _MOST_PIXELS):
-            raise ValueError(f"{name} of {element.tag} is {value!r}, at most {_MOST_PIXELS}")
-    rows, columns = element.get("nrow", "0"), element.get("ncol", "0")
-    if not (_at_most(rows, _MOST_CELLS) and _at_most(columns, _MOST_CELLS)) or (
-        int(rows) * int(columns) > _MOST_CELLS
-    ):
+        if (most := _MOST.get(name)) and not (_COUNT.fullmatch(value) and int(value) <= most):
+            raise ValueError(f"{name} of {element.tag} is {value!r}, at most {most}")
+    rows, columns = int(element.get("nrow", 0)), int(element.get("ncol", 0))
+    if rows * columns > _MOST_CELLS:
         raise ValueError(f"a height field of {rows} x {columns} points, at most {_MOST_CELLS}")
-
-
-def _at_most(text: str, limit: int) -> bool:
-    return len(text) < 12 and text.isascii() and text.isdigit() and int(text) <= limit
+    for below in element:
+        _check_element(below, level + 1)

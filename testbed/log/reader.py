@@ -6,7 +6,7 @@ import zlib
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import Final
@@ -23,7 +23,6 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
-from ..atomic_write import atomic_write
 from ..bounded_read import read_bounded
 from ..errors import LogError
 from ..messages.encoding import LEVELS, message_class, row_fields
@@ -31,10 +30,10 @@ from ..messages.publisher import Topic
 from ..recording.channels import CHANNELS, EVENT_TOPIC, Channel
 from ..recording.record import Event, Record, Table
 from . import LOG_NAME, log_path
-from .writer import FORMAT, FORMAT_KEY, RUN_METADATA, begin_log, refuse_existing_log
+from .writer import FORMAT, FORMAT_KEY, RUN_METADATA
 
 SALVAGED_KEY: Final = "salvaged"  # metadata of a truncated log: extent of what was read
-RECOVERED_KEY: Final = "recovered"  # metadata of a recovered log: extent of what was recovered
+RECOVERED_KEY: Final = "recovered"  # metadata of a recovered log: the same
 
 # A file can be a thousand times larger once decompressed. A run logs 250 messages and 20 kB per
 # simulated second.
@@ -55,22 +54,6 @@ _DAMAGE: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Salvage:
-    """Extent of what was recovered from a truncated or damaged log."""
-
-    reason: str  # why the log is not whole
-    chunks: int  # recovered, each complete and with a correct checksum
-    left_out: int  # chunks that are cut or have a wrong checksum
-    last_time_s: float  # of the newest message recovered
-
-    def __str__(self) -> str:
-        left_out = f", {self.left_out} left out" if self.left_out else ""
-        return (
-            f"{self.chunks} whole chunks{left_out}, up to {self.last_time_s:.2f} s; {self.reason}"
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class Content:
     """Messages of a log by topic, in the order of the file, with metadata and attachments."""
 
@@ -79,7 +62,8 @@ class Content:
     attachments: Mapping[str, bytes]
     topics: Mapping[str, Topic]  # by name
     messages: Mapping[str, list[Message]]  # by topic
-    salvage: Salvage | None  # None where the log is whole
+    # Extent of what is read of a truncated or damaged log, and why; "" of a whole one
+    salvage: str
 
 
 def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
@@ -99,8 +83,9 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
     metadata: dict[str, str] = {}
     attachments: dict[str, bytes] = {}
     schemas: dict[int, Schema] = {}
-    channels: dict[int, McapChannel] = {}
-    by_channel: dict[int, list[Message]] = {}
+    names: dict[int, str] = {}  # of the topics by their channels
+    topics: dict[str, Topic] = {}
+    messages: dict[str, list[Message]] = {}
     faults, ends = [], 0  # of the sections of data and summary
     stream = io.BytesIO(data)
     try:
@@ -130,11 +115,14 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
                         attachments[name] = content
                     case Schema() as schema:
                         schemas[schema.id] = schema
-                    case McapChannel() as channel:
-                        channels[channel.id] = channel
-                    case Message(channel_id=number) as message:
-                        if number not in channels or is_read(channels[number].topic):
-                            by_channel.setdefault(number, []).append(message)
+                    case McapChannel(id=number, topic=name) as each if each.schema_id in schemas:
+                        schema, names[number] = schemas[each.schema_id], name
+                        topics[name] = Topic(name, schema.name, schema.data, dict(each.metadata))
+                        if is_read(name):
+                            messages.setdefault(name, [])
+                    case Message() as message:
+                        if (name := names.get(message.channel_id, "")) in messages:
+                            messages[name].append(message)
                     case DataEnd(data_section_crc=crc):
                         ends += 1
                         if zlib.crc32(memoryview(data)[: stream.tell() - _DATA_END_BYTES]) != crc:
@@ -151,18 +139,14 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
         faults.append(f"damaged: {error}")
     if left_out or ends != 2:
         faults.append("damaged")
-    salvage = Salvage(faults[0], chunks, left_out, last_ns / 1e9) if faults else None
-    topics = {
-        each.topic: Topic(each.topic, schema.name, schema.data, dict(each.metadata))
-        for each in channels.values()
-        if (schema := schemas.get(each.schema_id))
-    }
-    messages = {
-        each.topic: by_channel.get(number, [])
-        for number, each in channels.items()
-        if is_read(each.topic)
-    }
-    return Content(path, _of_run(path, metadata), attachments, topics, messages, salvage)
+    skipped = f", {left_out} left out" if left_out else ""
+    salvage = f"{chunks} whole chunks{skipped}, up to {last_ns / 1e9:.2f} s; "
+    salvage = salvage + faults[0] if faults else ""
+    if not metadata:
+        raise LogError(f"{path}: describes no run: not a log of ttempc, or truncated at its start")
+    if (version := metadata.pop(FORMAT_KEY, "none")) != FORMAT:
+        raise LogError(f"{path}: log format {version}, this version reads {FORMAT}")
+    return Content(path, metadata, attachments, topics, messages, salvage)
 
 
 def _unpacked(chunk: Chunk) -> list[McapRecord]:
@@ -174,16 +158,6 @@ def _unpacked(chunk: Chunk) -> list[McapRecord]:
     elif chunk.compression:
         raise ValueError(f"compression {chunk.compression!r}")
     return breakup_chunk(chunk, validate_crc=True)
-
-
-def _of_run(path: Path, metadata: dict[str, str]) -> dict[str, str]:
-    """Return the metadata of the run without the log's own keys."""
-    if not metadata:
-        raise LogError(f"{path}: describes no run: not a log of ttempc, or truncated at its start")
-    version = metadata.pop(FORMAT_KEY, "none")
-    if version != FORMAT:
-        raise LogError(f"{path}: log format {version}, this version reads {FORMAT}")
-    return metadata
 
 
 @contextmanager
@@ -215,37 +189,27 @@ _LEVEL_NAMES: Final = {number: name for name, number in LEVELS.items()}
 
 
 def read_log(path: str | Path, channels: Sequence[Channel] = CHANNELS) -> Record:
-    """Return the record of a log, with `SALVAGED_KEY` in its metadata where it is truncated.
-
-    Args:
-        path: of the log, or the folder of its run.
-        channels: that are read.
-
-    Raises:
-        LogError: no such file, not a log of this project, or of another version of it.
-    """
+    """Return the record of a log, see `read_content` and `record_of`."""
     topics = {EVENT_TOPIC, *(channel.topic for channel in channels)}
-    content = read_content(path, topics.__contains__)
-    record = record_of(content, channels)
-    if content.salvage is None:
-        return record
-    return replace(record, metadata={**record.metadata, SALVAGED_KEY: str(content.salvage)})
+    return record_of(read_content(path, topics.__contains__), channels)
 
 
 def record_of(content: Content, channels: Sequence[Channel] = CHANNELS) -> Record:
-    """Return the rows and events of the content of a log.
+    """Return rows and events of a log, with `SALVAGED_KEY` in the metadata where it is not whole.
 
     Raises:
         LogError: a channel has other fields than in this version, or its messages do not decode.
     """
-    tables = {}
+    tables, found = {}, content.messages
     for channel in channels:
         with decoding(content.path, channel.topic):
             _check_fields(content, channel)
-            tables[channel.topic] = _table(channel, content.messages.get(channel.topic, []))
+            tables[channel.topic] = _table(channel, found.get(channel.topic, []))
     with decoding(content.path, EVENT_TOPIC):
-        events = tuple(_event(message) for message in content.messages.get(EVENT_TOPIC, []))
-    return Record(tables, events, content.metadata)
+        lines = [(each.log_time, Log.FromString(each.data)) for each in found.get(EVENT_TOPIC, [])]
+        events = [Event(at / 1e9, _LEVEL_NAMES[line.level], line.message) for at, line in lines]
+    extent = {SALVAGED_KEY: content.salvage} if content.salvage else {}
+    return Record(tables, tuple(events), {**content.metadata, **extent})
 
 
 def _check_fields(content: Content, channel: Channel) -> None:
@@ -263,11 +227,6 @@ def _check_fields(content: Content, channel: Channel) -> None:
         )
 
 
-def _event(message: Message) -> Event:
-    line = Log.FromString(message.data)
-    return Event(message.log_time / 1e9, _LEVEL_NAMES[line.level], line.message)
-
-
 def _table(channel: Channel, messages: Sequence[Message]) -> Table:
     parse, numbers = message_class(channel).FromString, attrgetter(*row_fields(channel))
     flat = array("d")
@@ -275,25 +234,3 @@ def _table(channel: Channel, messages: Sequence[Message]) -> Table:
         flat.extend(numbers(parse(message.data)))
     rows = np.array(flat).reshape(-1, 1 + len(channel.fields))  # (n, 1 + fields), time first
     return Table(channel, rows[:, 0].copy(), rows[:, 1:].copy())
-
-
-def recover(content: Content, file: Path) -> None:
-    """Write the content of a log to a new log, its messages byte for byte.
-
-    Raises:
-        LogError: the file or its partial file exists, or it cannot be written; no new file is left.
-    """
-    refuse_existing_log(file)
-    extent = {} if content.salvage is None else {RECOVERED_KEY: str(content.salvage)}
-    try:
-        with atomic_write(file) as stream:
-            metadata = {**content.metadata, **extent}
-            topics = content.topics.values()
-            log, numbers = begin_log(stream, metadata, content.attachments, topics)
-            for name, number in numbers.items():
-                for message in content.messages.get(name, []):
-                    data = np.frombuffer(message.data, np.uint8)
-                    log.add(number, np.array([message.log_time]), data[None])
-            log.finish()
-    except OSError as error:
-        raise LogError(f"{file}: cannot be written: {error.strerror}") from error

@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
-from mcap.records import Message
 
 from ttempc.types import FloatArray
 
@@ -109,10 +108,9 @@ def lines_of(content: Content, topic: str) -> Sequence[Line]:
         LogError: they do not decode.
     """
     with decoding(content.path, topic):
-        return [_line(message) for message in content.messages.get(topic, [])]
-
-
-def _line(message: Message) -> Line:
-    poses = PosesInFrame.FromString(message.data).poses
-    points = [(pose.position.x, pose.position.y, pose.position.z) for pose in poses]
-    return Line(message.log_time / 1e9, np.array(points, dtype=float).reshape(-1, 3))
+        lines = []
+        for message in content.messages.get(topic, []):
+            places = [pose.position for pose in PosesInFrame.FromString(message.data).poses]
+            points = np.array([(at.x, at.y, at.z) for at in places], dtype=float)
+            lines.append(Line(message.log_time / 1e9, points.reshape(-1, 3)))
+        return lines

@@ -1,11 +1,11 @@
 """Log writer: a run as an MCAP file, encoded, packed and written by a thread."""
 
 import contextlib
+import mimetypes
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO, Final, Self
 
 from mcap.records import Attachment, Channel, Metadata, Schema
@@ -28,11 +28,6 @@ FORMAT: Final = "1"  # incremented when an old reader would misread a new log
 # process loses no more than their sum.
 _PERIOD_S: Final = 4.0
 _LATE_S: Final = 1.0
-_MEDIA_TYPES: Final = {
-    ".toml": "application/toml",
-    ".xml": "application/xml",
-    ".npz": "application/zip",
-}
 
 
 def begin_log(
@@ -46,7 +41,7 @@ def begin_log(
     file.put(Metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT}))
     for name, content in attachments.items():
         data = content.encode() if isinstance(content, str) else content
-        kind = _MEDIA_TYPES.get(Path(name).suffix, "text/plain")
+        kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
         file.put(Attachment(0, 0, name, kind, data))
     schemas: dict[str, int] = {}
     numbers: dict[str, int] = {}
@@ -94,7 +89,6 @@ class LogWriter(Publisher):
         channels: Sequence[flat.Channel] = flat.CHANNELS,
     ) -> None:
         self.file = path
-        self.metadata = dict(metadata)
         self.part = partial_path(path)
         refuse_existing_log(path)
         with self._writing():
@@ -112,12 +106,7 @@ class LogWriter(Publisher):
             self._mcap.flush()  # metadata and attachments, before the run begins
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         by_design = isinstance(error, TestbedError) and not isinstance(error, LogError)
         if error is None or by_design:
             with self._writing():
@@ -151,10 +140,10 @@ class LogWriter(Publisher):
 
     def _hand_over(self) -> None:
         """Let the thread encode and write what was collected."""
-        self._written = self._thread.submit(self._write, self._take())
+        self._written = self._thread.submit(self._publish, self._take())
 
-    def _write(self, batch: Batch) -> None:
-        self._publish(batch)
+    def _publish(self, batch: Batch) -> None:
+        super()._publish(batch)
         self._mcap.flush()
 
     def _wait(self) -> None:

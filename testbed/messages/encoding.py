@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from ttempc.types import FloatArray
 
 from ..errors import LogError
-from ..geodesy import DATUM
+from ..geodesy import degrees
 from ..recording.channels import Channel
 from ..recording.record import Event
 
@@ -56,9 +56,9 @@ _STAMP_DATA: Final = _STAMP.SerializeToString()
 _SECONDS, _NANOS = slice(1, 6), slice(7, 12)  # places of the varints in a stamp
 
 
-def nanoseconds(time_s: float) -> int:
-    """Return a simulated time [s] in whole nanoseconds, the unit of logs and viewers."""
-    return round(time_s * 1e9)
+def nanoseconds(times_s: FloatArray | float) -> TimesNs:
+    """Return simulated times [s] in whole nanoseconds, the unit of logs and viewers."""
+    return np.rint(np.asarray(times_s) * 1e9).astype(np.int64)
 
 
 def hole(number: int) -> float:
@@ -154,18 +154,10 @@ def transforms_template(body_names: tuple[str, ...]) -> Template:
     return Template(message)
 
 
-@cache
-def fix_template(frame: str) -> Template:
-    """Return the template of a LocationFix; its numbers are latitude and longitude [deg]."""
-    return Template(
-        LocationFix(timestamp=_STAMP, frame_id=frame, latitude=hole(0), longitude=hole(1))
-    )
-
-
 def encode_fixes(frame: str, times_ns: TimesNs, points: FloatArray) -> Encoded:
     """Return measured positions (n, 2) [m] as LocationFix without height."""
-    degrees = (DATUM.latitude_deg, DATUM.longitude_deg) + points[:, ::-1] / DATUM.metres_per_degree
-    return fix_template(frame).fill(degrees, times_ns)
+    fix = LocationFix(timestamp=_STAMP, frame_id=frame, latitude=hole(0), longitude=hole(1))
+    return Template(fix).fill(degrees(points), times_ns)
 
 
 def encode_poses(times_ns: TimesNs, poses: FloatArray) -> Encoded:
@@ -192,7 +184,7 @@ def encode_event(event: Event) -> bytes:
     if event.level not in LEVELS:
         raise LogError(f"event level: got {event.level!r}, allowed are {', '.join(LEVELS)}")
     line = Log(level=LEVELS[event.level], message=event.text, name="ttempc")
-    line.timestamp.FromNanoseconds(nanoseconds(event.time_s))
+    line.timestamp.FromNanoseconds(int(nanoseconds(event.time_s)))
     return line.SerializeToString()
 
 
@@ -244,13 +236,12 @@ def descriptor_set(channel: Channel) -> FileDescriptorSet:
         name=f"{PACKAGE}/{short_name}.proto", package=PACKAGE, syntax="proto3"
     )
     message = file.message_type.add(name=short_name)
+    double = {
+        "type": FieldDescriptorProto.TYPE_DOUBLE,
+        "label": FieldDescriptorProto.LABEL_OPTIONAL,
+    }
     for number, name in enumerate(row_fields(channel), start=1):
-        message.field.add(
-            name=name,
-            number=number,
-            type=FieldDescriptorProto.TYPE_DOUBLE,
-            label=FieldDescriptorProto.LABEL_OPTIONAL,
-        )
+        message.field.add(name=name, number=number, **double)
     comment = SourceCodeInfo.Location(
         path=_MESSAGE_PATH, span=(0, 0, 0), leading_comments=f" {channel.about}\n"
     )

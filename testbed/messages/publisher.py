@@ -19,17 +19,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from ttempc.types import FloatArray, Sensor
 
 from ..recording import channels as topics
-from ..recording.channels import (
-    CHANNELS,
-    ERROR,
-    MEASUREMENT,
-    MEASUREMENT_COLUMNS,
-    REFERENCE,
-    STATE,
-    Channel,
-    error_rows,
-    unit_of,
-)
+from ..recording.channels import CHANNELS, ERROR, MEASUREMENT, REFERENCE, STATE, Channel
 from ..recording.record import Event, Sink, wrong_shape
 from ..truth import Moments
 from .encoding import (
@@ -56,8 +46,8 @@ _DRIVEN_PERIOD_S: Final = 5.0  # between driven paths, at least
 _DRIVEN_SHARE: Final = 0.01
 _DRIVEN_STEP_M: Final = 1.0  # between its points
 _GNSS: Final = (  # topic, frame, columns of x, y and sample time in `MEASUREMENT`
-    (topics.GNSS_TOPIC, "tractor", MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
-    (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
+    (topics.GNSS_TOPIC, "tractor", topics.MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
+    (topics.GNSS_TRAILER_TOPIC, "trailer", topics.MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
 )
 # Pose of an axle point; columns of both poses in `STATE`.
 _POSE: Final = ("x_{}_m", "y_{}_m", "z_{}_m", "psi_{}_rad", "pitch_{}_rad", "roll_{}_rad")
@@ -90,25 +80,15 @@ class Topic:
 
 def topics_of(channels: Sequence[Channel] = CHANNELS) -> list[Topic]:
     """Return every topic of a run: its flat channels, then the topics that viewers draw."""
-    flat = [
-        Topic(
-            each.topic,
-            message_name(each),
-            descriptor_set(each).SerializeToString(),
-            {"description": each.about, **{name: unit_of(name) for name in row_fields(each)}},
-        )
-        for each in _with_error(channels)
-    ]
-    drawn = [
-        Topic(
-            name,
-            kind.DESCRIPTOR.full_name,
-            build_file_descriptor_set(kind).SerializeToString(),
-            {"description": about},
-        )
-        for name, kind, about in _DRAWN
-    ]
-    return [*flat, *drawn]
+    found = []
+    for each in _with_error(channels):
+        schema, names = descriptor_set(each), row_fields(each)
+        about = {"description": each.about, **{name: topics.unit_of(name) for name in names}}
+        found.append(Topic(each.topic, message_name(each), schema.SerializeToString(), about))
+    for name, kind, text in _DRAWN:
+        schema, full_name = build_file_descriptor_set(kind), kind.DESCRIPTOR.full_name
+        found.append(Topic(name, full_name, schema.SerializeToString(), {"description": text}))
+    return found
 
 
 def _with_error(channels: Sequence[Channel]) -> Sequence[Channel]:
@@ -207,17 +187,17 @@ class Publisher(Sink, ABC):
                     batch.paths.extend(self._publish_poses(times, rows))
         if batch.pairs:
             times, states, references = _joined(batch.pairs)
-            self._send_rows(ERROR.topic, times, error_rows(states, references))
+            self._send_rows(ERROR.topic, times, topics.error_rows(states, references))
         if batch.scenes:
             times, poses = _joined(batch.scenes)
-            times_ns = _nanoseconds(times)
+            times_ns = nanoseconds(times)
             bodies = single(poses.reshape(len(times), -1))
             self._send(topics.TRANSFORMS_TOPIC, times_ns, self._transforms.fill(bodies, times_ns))
         if batch.paths:
             paths = sorted(batch.paths, key=lambda path: path[0])
             drawn, begin = self._scenery.on_ground(np.concatenate([each for *_, each in paths])), 0
             for (topic, count), group in groupby(paths, lambda path: (path[0], len(path[2]))):
-                times_ns = _nanoseconds(np.array([time_s for _, time_s, _ in group]))
+                times_ns = nanoseconds(np.array([time_s for _, time_s, _ in group]))
                 end = begin + count * len(times_ns)
                 lines = drawn[begin:end].reshape(-1, count, 3)
                 self._send(topic, times_ns, encode_paths(times_ns, lines))
@@ -226,7 +206,7 @@ class Publisher(Sink, ABC):
             self._send(topics.EVENT_TOPIC, *_single(*event))
 
     def _send_rows(self, topic: str, times_s: FloatArray, rows: FloatArray) -> TimesNs:
-        times_ns = _nanoseconds(times_s)
+        times_ns = nanoseconds(times_s)
         messages = self._templates[topic].fill(np.column_stack([times_s, rows]))
         self._send(topic, times_ns, messages)
         return times_ns
@@ -237,7 +217,7 @@ class Publisher(Sink, ABC):
             samples = measured[:, columns]  # x, y, status, time
             taken = ~np.isnan(samples[:, 0])
             if taken.any():
-                stamps = _nanoseconds(samples[taken, 3])
+                stamps = nanoseconds(samples[taken, 3])
                 fixes = encode_fixes(frame, stamps, samples[taken, :2])
                 self._send(topic, times_ns[taken], fixes)
 
@@ -253,7 +233,7 @@ class Publisher(Sink, ABC):
         if not due:
             return
         poses, times_s = poses[due], times_s[due]
-        times_ns = _nanoseconds(times_s)
+        times_ns = nanoseconds(times_s)
         self._send(topics.TRACTOR_TOPIC, times_ns, encode_poses(times_ns, poses[:, :6]))
         self._send(topics.TRAILER_TOPIC, times_ns, encode_poses(times_ns, poses[:, 6:]))
         points = poses[:, [0, 1, 6, 7]].tolist()
@@ -269,14 +249,9 @@ class Publisher(Sink, ABC):
 
 def _single(time_s: float, data: bytes) -> tuple[TimesNs, Encoded]:
     """Return the arrays of one message."""
-    return np.array([nanoseconds(time_s)]), np.frombuffer(data, np.uint8)[None]
+    return nanoseconds(np.array([time_s])), np.frombuffer(data, np.uint8)[None]
 
 
 def _joined(blocks: Sequence[tuple[FloatArray, ...]]) -> Iterator[FloatArray]:
     """Return each of the arrays of all blocks as one."""
     return (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-
-
-def _nanoseconds(times_s: FloatArray) -> TimesNs:
-    """Return `nanoseconds` of every time, (n,)."""
-    return np.rint(times_s * 1e9).astype(np.int64)

@@ -90,7 +90,8 @@ class Plant:
         implement: Implement | None = None,
     ) -> None:
         self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
-        self.wheel_law = wheel_law
+        self.tyres = tyres_of(vehicle)
+        self.wheel_law = wheel_law.of(self.tyres.radial)
         self._spec = build_spec(vehicle, terrain, wheels, wheel_law, timestep_s)
         if implement:
             draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))
@@ -98,9 +99,8 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
-        self.tyres = tyres_of(vehicle)
         self.ground = Ground(terrain, soil.rasterised(terrain))
-        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, wheel_law)
+        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, self.wheel_law)
         self.implement = implement and MountedImplement(
             implement, model, data, vehicle, self.ground, soil.background
         )

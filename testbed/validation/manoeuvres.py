@@ -410,9 +410,10 @@ def efficiency(bench: Bench) -> Iterator[Measured]:
         return float(_mobility(plant, load, cone_index)[0][DRIVEN].mean())
 
     # at the mean load, because a pull shifts load to the driven wheels
-    bn = np.array([driven_bn(pull.load) for pull in pulls])
-    expected = law.net_traction_ratio(bn, slips) / law.gross_traction_ratio(bn, slips)
-    expected *= 1.0 - slips
+    bn = np.tile([driven_bn(pull.load) for pull in pulls], (len(WHEELS), 1)).T  # (n, 6)
+    slip = slips[:, None]
+    wheels = law.net_traction_ratio(bn, slip) / law.gross_traction_ratio(bn, slip) * (1.0 - slip)
+    expected = wheels[:, DRIVEN].mean(axis=1)
     title = f"Tractive efficiency, {cone_index:.0f} kPa"
     lines = {"plant": measured, "(1 - MRR/GTR)(1 - s)": expected}
     yield Measured(
@@ -454,7 +455,7 @@ def side_force(bench: Bench) -> Iterator[Measured]:
 
     Slip angles follow from the motion of the axle points, not from the report of the wheels.
     """
-    law, rows = bench.wheel_law, []  # slip angle, side force over load, the same by the law
+    rows = []  # slip angle, side force over load, the same by the law
     for slope in _SIDE_SLOPES.tolist():
         plant = bench.plant(flat((40.0, 20.0)).tilted(slope, _UP_Y), bench.cone_index)
         plant.reset(-10.0, 0.0, 0.0, SPEED)
@@ -480,10 +481,9 @@ def side_force(bench: Bench) -> Iterator[Measured]:
             velocity[0] * math.cos(yaw) + velocity[1] * math.sin(yaw),
         )
         for axle, angle in ((DRIVEN, float(rear)), (TRAILER, trailer)):
-            bn, m = (number[axle] for number in mobility)
-            _, both = law.combined_ratios(bn, m, slip[axle], np.full(2, angle))
+            _, both = plant.wheel_law.combined_ratios(*mobility, slip, np.full(len(WHEELS), angle))
             total = load[axle].sum()
-            rows.append((angle, side[axle].sum() / total, load[axle] @ both / total))
+            rows.append((angle, side[axle].sum() / total, load[axle] @ both[axle] / total))
     angles, measured, expected = np.array(rows)[np.argsort([row[0] for row in rows])].T
     degrees, title = np.degrees(angles), f"Side force, {bench.cone_index:.0f} kPa"
     lines = {"plant": measured, "lateral law": expected}

@@ -4,6 +4,7 @@ A load of a scenario does not change them.
 """
 
 import math
+import re
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -82,14 +83,15 @@ def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> DriveServo:
     empty, tyres = _empty(vehicle), tyres_of(vehicle)
     load = wheel_loads(empty)  # (6,)
     radius, gain = vehicle.rear_wheel.radius_m, vehicle.hydrostat.speed_gain_mps
+    law = law.of(tyres.radial)
     bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), _FIRM_KPA))
-    grip = (load * law.largest_traction_ratio(bn))[_DRIVEN].sum()  # [N]
+    slope = (load * law.traction_slip * law.largest_traction_ratio(bn))[_DRIVEN].sum()  # [N]
     torque = _DRIVE_TORQUE * law.traction * load[_DRIVEN].sum() * radius
     damping = torque / (_DRIVE_DROOP * gain / radius)
     slip = equilibrium_slip(law, tyres, load, _FIRM_KPA, pull=0.0)
     wheel_torque = radius * (load * law.gross_traction_ratio(bn, slip * _DRIVEN))[_DRIVEN].sum()
     mass = load.sum() / GRAVITY
-    wheel_lag = mass * 0.5 * gain / (law.traction_slip * grip) + mass * radius**2 / damping  # [s]
+    wheel_lag = mass * 0.5 * gain / slope + mass * radius**2 / damping  # [s]
     tau = vehicle.hydrostat.time_constant_s
     if tau <= wheel_lag:
         raise InvalidPlant(
@@ -108,6 +110,7 @@ def equilibrium_slip(
     `load` is that on each wheel [N], (6,), `cone_index` that of the soil under all of them [kPa],
     `pull` the drawbar pull beyond that of the trailer [N].
     """
+    law = law.of(tyres.radial)
     bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), cone_index))
 
     def surplus(slip: float) -> float:
@@ -140,6 +143,7 @@ def tyres_of(vehicle: PlantVehicle) -> Tyres:
         relative_deflection=np.array([wheel.relative_deflection for wheel in wheels]),
         rated_load=np.array([wheel.rated_load_n for wheel in wheels]),
         damping=np.array([wheel.damping_spm for wheel in wheels]),
+        radial=np.array([re.search(r"\dR", wheel.size) is not None for wheel in wheels]),
     )
 
 

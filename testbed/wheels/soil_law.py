@@ -6,15 +6,17 @@ wheels", J. Terramechanics 18, 1981, with the mobility number of the US Army's W
 Station. [B] is quoted from secondary sources, [G] from memory: neither primary source was read. The
 coefficients of [G], and those for radial tyres, are also in the public MAVS simulator
 (`vti/brixius.cpp`), whose mobility number for side force has a dimension and is not used. [P]
-H. B. Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, sec. 4.2: similarity of slips.
+H. B. Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, sec. 4.2: similarity of slips; relaxation
+length = cornering stiffness over lateral stiffness of the tyre, chap. 1 and 5.
 """
 
+from copy import copy
 from dataclasses import fields
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from pydantic.dataclasses import dataclass
 from pydantic_core import ArgsKwargs
 
@@ -23,8 +25,16 @@ from ttempc.types import FloatArray
 from ..configuration.config_io import STRICT, NotNegative, Positive
 
 # Explicit in the speed, so that a short length with a long time would be unstable at 4 ms.
-_Length = Annotated[float, Field(ge=0.0005, le=10.0)]
+_SHORTEST_M: Final = 0.0005
+_Length = Annotated[float, Field(ge=_SHORTEST_M, le=10.0)]
 _Damping = Annotated[float, Field(ge=0.0, le=0.1)]
+
+
+def _none_or_length(value: float) -> float:
+    if 0.0 < value < _SHORTEST_M:
+        raise ValueError(f"must be 0 or at least {_SHORTEST_M:g} m")
+    return value
+
 
 RADIAL: Final = MappingProxyType(
     {
@@ -35,9 +45,11 @@ RADIAL: Final = MappingProxyType(
         "side_mobility": 0.0,
         "side_stiffness_per_rad": 2.79,
         "side_stiffness_mobility_per_rad": 0.16,
+        "carcass_lat": 0.45,
     }
 )
-"""Coefficients of radial tyres that differ from those of bias-ply tyres (MAVS)."""
+"""Coefficients of radial tyres that differ from those of bias-ply tyres (MAVS; the last assumed).
+"""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -54,7 +66,8 @@ class SoilLaw:
         resistance of soil    resistance_bn / Bn + resistance_slip s / sqrt(Bn)             [B]
         resistance of tyre    resistance_tyre                                               [B]
         side force ratio      mu (1 - e^(-C / mu |alpha|)),                                 [G]
-                              mu = min(side + side_mobility / M, side_most)
+                              mu = min(side + side_mobility / M, side_most,
+                                       side_bearing x largest traction ratio)
                               C = min(side_stiffness + side_stiffness_mobility M,
                                       side_stiffness_most)
 
@@ -64,14 +77,25 @@ class SoilLaw:
     skids until its traction is minus the resistance of the tyre; its hub is held back by the whole
     motion resistance ratio of [B]. The tyre's torque only takes energy: the law is passive.
 
-    [G] measured undriven wheels; over which M is not known here. `side_most` and
-    `side_stiffness_most` limit the law outside its range: mu would otherwise grow without bound
-    on soft soil (above 1 at M < 1.8), as soil that flows in front of the tyre's side cannot; the
-    stiffness would grow without bound on firm ground, where the carcass limits it.
+    [G] measured undriven wheels; over which M is not known here. Its mu grows without bound as soil
+    softens, which soil cannot bear: it shears where the stress reaches c + sigma tan(phi)
+    (Coulomb), whatever the direction, and the largest traction ratio is what [B] measured of it
+    under the tyre. The stiffness would grow without bound on firm ground, where the carcass
+    limits it.
+
+    Side force follows the slip angle over the relaxation length [P]
+
+        sigma = max(a, C delta / carcass_lat),    a = sqrt(delta (2 r - delta)),
+
+    with delta the deflection of the tyre under its load and a half the length of its contact: the
+    cornering stiffness C W over the lateral stiffness carcass_lat W / delta, and not less than the
+    contact of a stiff carcass needs. A model, not measured: no length of an agricultural tyre was
+    found in numbers.
     """
 
-    tyre: Literal["bias", "radial"] = "bias"
-    """Kind of tyre whose coefficients the absent keys of this table take."""
+    tyre: Literal["by-size", "bias", "radial"] = "by-size"
+    """Kind of tyre whose coefficients the absent keys of this table take; by size, those tyres are
+    radial that have an R before the rim, as 16.9R34."""
     mobility_deflection: NotNegative = 5.0
     """Weight of the relative deflection in Bn."""
     mobility_width: NotNegative = 3.0
@@ -96,6 +120,8 @@ class SoilLaw:
     """Growth of that limit with 1 / M."""
     side_most: Positive = 0.88
     """Largest limit of the side force ratio; that of traction on firm soil (assumed)."""
+    side_bearing: Positive = 1.0
+    """Largest limit of the side force ratio over that of traction: what the soil bears."""
     side_stiffness_per_rad: Positive = 2.34
     """Initial slope of the side force ratio at M = 0."""
     side_stiffness_mobility_per_rad: NotNegative = 0.088
@@ -104,8 +130,12 @@ class SoilLaw:
     """Largest slope; 0.1 per degree, the order of tractor tyres on concrete (assumed)."""
     relaxation_long_m: _Length = 0.15
     """Relaxation length of slip; assumed."""
-    relaxation_lat_m: _Length = 0.30
-    """Relaxation length of side slip; assumed."""
+    relaxation_lat_m: Annotated[float, Field(ge=0.0, le=10.0), AfterValidator(_none_or_length)] = (
+        0.0
+    )
+    """Relaxation length of side slip of all tyres; 0: by tyre, load and soil."""
+    carcass_lat: Positive = 0.55
+    """Lateral over vertical stiffness of the tyre; assumed, 0.4 to 0.7."""
     relaxation_roll_m: _Length = 0.001
     """Distance over which motion resistance changes its sign; assumed."""
     damping_long_s: _Damping = 0.01
@@ -131,10 +161,25 @@ class SoilLaw:
             return data
         return {**RADIAL, **given}
 
-    def table(self) -> FloatArray:
-        """Return all numbers in the order of the fields, for the compiled law, (23,)."""
-        values = (getattr(self, field.name) for field in fields(self))
-        return np.array([value for value in values if isinstance(value, float)])
+    def of(self, radial: np.ndarray) -> Self:
+        """Return the law of tyres that are radial or not, (n,), its coefficients (n,) or floats.
+
+        By size, a radial tyre has its own value where this table has that of bias-ply tyres.
+        """
+        if self.tyre != "by-size" or not np.any(radial):
+            return self
+        law = copy(self)
+        for name, value in RADIAL.items():
+            given = getattr(self, name)
+            if np.all(given == getattr(SoilLaw, name)):
+                object.__setattr__(law, name, np.where(radial, value, given))
+        return law
+
+    def table(self, count: int) -> FloatArray:
+        """Return all numbers in the order of the fields, for the compiled law, (count, 25)."""
+        values = [getattr(self, name.name) for name in fields(self)]
+        numbers = [value for value in values if isinstance(value, float | np.ndarray)]
+        return np.column_stack([np.broadcast_to(number, count) for number in numbers])
 
     def largest_traction_ratio(self, bn: FloatArray) -> FloatArray:
         """Return the traction ratio at full slip, (n,)."""
@@ -177,18 +222,16 @@ class SoilLaw:
         """Return gross traction less motion resistance: the pull of the hub over load, (n,). [B]"""
         return self.traction_ratio(bn, slip) - self.soil_resistance_ratio(bn, slip)
 
-    def largest_side_ratio(self, mobility: FloatArray) -> FloatArray:
+    def largest_side_ratio(self, bn: FloatArray, mobility: FloatArray) -> FloatArray:
         """Return mu, the limit of side force over load at large slip angles, (n,)."""
-        return np.minimum(self.side + self.side_mobility / mobility, self.side_most)
+        borne = self.side_bearing * self.largest_traction_ratio(bn)
+        law = self.side + self.side_mobility / mobility
+        return np.minimum(law, np.minimum(self.side_most, borne))
 
     def side_stiffness(self, mobility: FloatArray) -> FloatArray:
         """Return C, the initial slope of side force over load [1/rad], (n,)."""
         growth = self.side_stiffness_mobility_per_rad * mobility
         return np.minimum(self.side_stiffness_per_rad + growth, self.side_stiffness_most_per_rad)
-
-    def side_ratio(self, mobility: FloatArray, slip_angle: FloatArray) -> FloatArray:
-        """Return side force over load of a wheel without slip; against the slip angle [rad]."""
-        return self.combined_ratios(np.ones_like(mobility), mobility, 0.0, slip_angle)[1]
 
     def combined_ratios(
         self, bn: FloatArray, mobility: FloatArray, slip: FloatArray | float, slip_angle: FloatArray
@@ -206,7 +249,7 @@ class SoilLaw:
 
         Pure slip gives the pure laws; the force never leaves the ellipse of both limits.
         """
-        largest = self.largest_side_ratio(mobility)
+        largest = self.largest_side_ratio(bn, mobility)
         x = self.traction_slip * np.asarray(slip)
         y = self.side_stiffness(mobility) / largest * slip_angle
         rho = np.hypot(x, y)

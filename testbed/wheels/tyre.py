@@ -34,6 +34,7 @@ class Tyres:
     relative_deflection: FloatArray  # delta / h at the rated load
     rated_load: FloatArray  # [N]
     damping: FloatArray  # [s/m] relative growth of the normal force per speed of approach
+    radial: np.ndarray  # whether of radial plies, boolean
 
     @property
     def stiffness(self) -> FloatArray:
@@ -56,10 +57,10 @@ class Tyres:
         )
 
     def table(self, law: SoilLaw) -> FloatArray:
-        """Return the parameters for the compiled law, (n, 6)."""
-        return np.column_stack(
-            [self.radius, self.width, self.mobility_areas(law), self.stiffness, self.damping]
-        )
+        """Return the parameters for the compiled law, (n, 7); the last is deflection over load."""
+        give = self.relative_deflection * self.section_height / self.rated_load  # [m/N]
+        areas = self.mobility_areas(law)
+        return np.column_stack([self.radius, self.width, areas, self.stiffness, self.damping, give])
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,8 +92,8 @@ def wheel_step(
     """Advance the tread deflections of all wheels and write the forces of the ground.
 
     Args:
-        law: (23,) `SoilLaw.table`.
-        tyres: (n, 6) `Tyres.table`.
+        law: (n, 25) `SoilLaw.table`.
+        tyres: (n, 7) `Tyres.table`.
         heights: (ny, nx) [m] of the ground.
         cone_indices: (ny, nx) [kPa] on the same grid.
         grid: (4,) x and y [m] of the first grid point, spacing [m], time step [s].
@@ -108,13 +108,6 @@ def wheel_step(
         output: (n, 7) see `Output`, written.
         xfrc: (nbody, 6) force and moment on each body, rows of wheels written.
     """
-    # the first three are in the table of the tyres
-    traction_most, traction_bn, traction_slip = law[3], law[4], law[5]
-    resistance_tyre, resistance_bn, resistance_slip = law[6], law[7], law[8]
-    side_firm, side_mobility, side_most = law[9], law[10], law[11]
-    stiffness_soft, stiffness_mobility, stiffness_most = law[12], law[13], law[14]
-    sigma_x, sigma_y, sigma_r = law[15], law[16], law[17]
-    tau_x, tau_y, tau_r = law[18], law[19], law[20]
     count = bodies.size
     tracks = state.size > 3 * count
     driven = 0.0
@@ -124,6 +117,11 @@ def wheel_step(
     per_metre = 1.0 / spacing
     for wheel in range(count):
         body = bodies[wheel]
+        # the first three are in the table of the tyres
+        traction_most, traction_bn, traction_slip = law[wheel, 3], law[wheel, 4], law[wheel, 5]
+        resistance_tyre, resistance_bn = law[wheel, 6], law[wheel, 7]
+        sigma_x, sigma_y, sigma_r = law[wheel, 16], law[wheel, 17], law[wheel, 19]
+        tau_x, tau_y, tau_r = law[wheel, 20], law[wheel, 21], law[wheel, 22]
         radius, width = tyres[wheel, 0], tyres[wheel, 1]
         cx, cy, cz = xpos[body, 0], xpos[body, 1], xpos[body, 2]
         ax, ay, az = xmat[body, 1], xmat[body, 4], xmat[body, 7]
@@ -214,6 +212,14 @@ def wheel_step(
         output[wheel, 1] = (rim - v_long) / max(rolling, _SMALL_SPEED)
         output[wheel, 2] = math.atan2(v_lat, max(abs(v_long), _SMALL_SPEED))
 
+        pressure = 1e3 * cone_index / max(load, _SMALLEST_LOAD)
+        bn, m = pressure * tyres[wheel, 2], pressure * tyres[wheel, 3]
+        stiffness = min(law[wheel, 13] + law[wheel, 14] * m, law[wheel, 15])
+        if sigma_y == 0.0:
+            give = min(radius, max(load, _SMALLEST_LOAD) * tyres[wheel, 6])
+            half = math.sqrt(give * (2.0 * radius - give))
+            sigma_y = max(half, stiffness * give / law[wheel, 18])
+
         # tread deflections
         first = 3 * wheel
         u, w, r = state[first], state[first + 1], state[first + 2]
@@ -233,16 +239,13 @@ def wheel_step(
             continue
         state[first], state[first + 1], state[first + 2] = u1, w1, r1
 
-        # forces from cone index
-        pressure = 1e3 * cone_index / max(load, _SMALLEST_LOAD)
-        bn, m = pressure * tyres[wheel, 2], pressure * tyres[wheel, 3]
         grip_long = traction_most * (1.0 - math.exp(-traction_bn * bn))
         freer = 1.0
         if tracks:
             place = state[3 * count + 1 + row * nx + column]
             if place > 0.0 and state[3 * count] + 1.0 - place > _CONTACT * radius:
-                grip_long *= law[21]
-                freer = law[22]
+                grip_long *= law[wheel, 23]
+                freer = law[wheel, 24]
             driven += abs(v_long) * dt / count
             for c in range(3):
                 offset = width * _COLUMNS[c]
@@ -251,8 +254,8 @@ def wheel_step(
                 cell = 3 * count + 1 + (j + (q >= 0.5)) * nx + i + (p >= 0.5)
                 if state[cell] == 0.0:
                     state[cell] = state[3 * count] + 1.0
-        grip_lat = min(side_firm + side_mobility / m, side_most)
-        stiffness = min(stiffness_soft + stiffness_mobility * m, stiffness_most)
+        borne = min(law[wheel, 11], law[wheel, 12] * grip_long)
+        grip_lat = min(law[wheel, 9] + law[wheel, 10] / m, borne)
         x = traction_slip * slip
         y = stiffness / grip_lat * math.atan(slip_lat)
         rho = math.sqrt(x * x + y * y)
@@ -261,11 +264,14 @@ def wheel_step(
         side = -grip_lat * share * y
         torque = traction + freer * resistance_tyre * share_roll
         driving = max(0.0, slip * share_roll)
-        resistance = freer * (resistance_bn / bn + resistance_slip * driving / math.sqrt(bn))
-        pull = traction - resistance * share_roll
-        used = (pull / grip_long) ** 2 + (side / grip_lat) ** 2
-        share = load / math.sqrt(used) if used > 1.0 else load
-        pull, side = share * pull, share * side
+        resistance = freer * (resistance_bn / bn + law[wheel, 8] * driving / math.sqrt(bn))
+        # traction and side force are inside their ellipse; a brake beyond the tyre's own resistance
+        # takes over that of the soil where both together would leave it
+        braked = -traction * share_roll - freer * resistance_tyre
+        if braked > 0.0:
+            room = grip_long * math.sqrt(max(0.0, 1.0 - (side / grip_lat) ** 2)) - abs(traction)
+            resistance = min(resistance, max(resistance - braked, room))
+        pull, side = load * (traction - resistance * share_roll), load * side
 
         tx = load * nx_ + pull * hx + side * sx
         ty = load * ny_ + pull * hy + side * sy

@@ -78,7 +78,7 @@ class SoilWheels(WheelModel):
         terrain = ground.terrain
         # views of MuJoCo's arrays, bound once: they outlive a reset of the data
         self.arguments: Final = (  # of `wheel_step`
-            law.table(),
+            law.of(tyres.radial).table(len(WHEELS)),
             self.tyre_table,
             terrain.heights,
             ground.cone_index,
@@ -116,7 +116,7 @@ class ContactWheels(WheelModel):
     ) -> None:
         super().__init__(model, data, tyres, ground, law)
         self._model, self._data, self._tyres, self._ground = model, data, tyres, ground
-        self._law = law
+        self._law = law.of(tyres.radial)
         self._bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._geoms = np.array([model.geom(f"{wheel}_contact").id for wheel in WHEELS])
         self._dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])

@@ -8,9 +8,11 @@ import numpy as np
 
 from tests.reference.models.kinematics import advance
 from tests.reference.models.valves import slew
+from ttempc.guidance.supervisor import Supervisor
+from ttempc.layout import ALARM, estimate_row
 from ttempc.models.kinematics import NO_DISTURBANCE, hitch_angle, trailer_point
 from ttempc.reference.reference import Reference
-from ttempc.types import Controller, ControlStep, Estimate, FloatArray
+from ttempc.types import Command, Controller, ControlStep, Estimate, FloatArray
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
@@ -31,6 +33,29 @@ def seen_truth(
         hitch_angle=hitch_angle(state),
         disturbance=disturbance,
     )
+
+
+class Supervised(Supervisor):
+    """A supervisor on estimates and alarms as objects, a controller on the time of its ticks."""
+
+    def __init__(self, controller, reference, period_s, safety=None):
+        super().__init__(controller, reference, period_s, safety, self.said)
+
+    def said(self, row, numbers):
+        return self.alarms[row].reason
+
+    def step(self, estimate, k, time_s=None, alarms=()):
+        """Return the step of tick `k`; the estimate is None where there is none."""
+        self.alarms = alarms
+        rows = np.array([[alarm.reaction, 0.0, 0.0, 0.0] for alarm in alarms]).reshape(-1, ALARM)
+        command = self.drive(
+            None if estimate is None else estimate_row(estimate),
+            k,
+            k * PERIOD_S if time_s is None else time_s,
+            rows,
+            lambda: estimate,
+        )
+        return ControlStep(Command(*command.tolist()), self.diagnostics())
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,17 @@
 """Compensation of the actuators' dead times around any controller."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
 from ..estimation.filter import SAME_TIME_S, steps_over
 from ..jit import cached_njit
-from ..layout import ESTIMATE, estimate_row, estimate_view
+from ..layout import ESTIMATE, estimate_row
 from ..models.augmented_state import (
     SIZE,
     STATES,
@@ -20,17 +22,7 @@ from ..models.augmented_state import (
     write_estimate,
 )
 from ..reference.reference import Reference
-from ..types import (
-    Command,
-    Controller,
-    ControlStep,
-    Estimate,
-    FloatArray,
-    Preparing,
-    Resuming,
-    SpaceBased,
-    WarmingUp,
-)
+from ..types import Command, Controller, Estimate, FloatArray, Resuming, SpaceBased, WarmingUp
 from ..vehicle import CommandLimits, Vehicle
 
 _MOST_SLIP: Final = 0.9  # of the wheels, up to which an estimate is predicted
@@ -38,7 +30,7 @@ _MOST_SLIP: Final = 0.9  # of the wheels, up to which an estimate is predicted
 
 def compensated(
     make: Callable[[Vehicle, Reference], Controller], reference: Reference, period_s: float
-) -> Controller:
+) -> Guided:
     """Return the controller that `make` returns, with the dead times of its vehicle compensated.
 
     `make` gets a vehicle without dead times and the reference ahead by `lead_s` of the vehicle.
@@ -60,14 +52,15 @@ def lead_s(vehicle: Vehicle) -> float:
     return max(vehicle.dead_time_t, vehicle.dead_time_hp)
 
 
-def resume(controller: Controller, previous: Controller, sent: Sequence[Command]) -> None:
+def resume(controller: Guided, previous: Guided, sent: Sequence[Command]) -> None:
     """Let `controller` continue after `previous`; around either dead times may be compensated.
 
     `sent` are the last commands, oldest first.
     """
     if isinstance(controller, DeadTimeCompensation):
         for command in sent:
-            controller.record(command)
+            controller.commands[1:] = controller.commands[:-1].copy()
+            controller.commands[0] = command.as_array()
         controller = controller.controller
     if isinstance(previous, DeadTimeCompensation):
         previous = previous.controller
@@ -76,7 +69,9 @@ def resume(controller: Controller, previous: Controller, sent: Sequence[Command]
 
 
 class DeadTimeCompensation:
-    """Let a controller for a vehicle without dead times drive one that has them.
+    """What lets a controller for a vehicle without dead times drive one that has them.
+
+    `Supervisor` asks the controller with it, and keeps its `commands`.
 
     The controller gets the estimate for the time at which its command will act: predicted over
     D = `lead_s` by the model of the filter, with the disturbances of the estimate and the commands
@@ -106,7 +101,6 @@ class DeadTimeCompensation:
         # Commands as they act together, the newest first; before the start those of the reference.
         count = self._whole + 3 + int(self._late[:, 0].max())
         self.commands: FloatArray = np.tile(start, (count, 1))
-        self._sent: FloatArray | None = None  # by the last step, until it is recorded
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
 
     def warm_up(self) -> None:
@@ -114,36 +108,6 @@ class DeadTimeCompensation:
             self.controller.warm_up()
         state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         self.predicted(estimate_row(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0)))
-
-    def prepare(self, k: int) -> None:
-        if isinstance(self.controller, Preparing):
-            self.controller.prepare(k)
-
-    def step(self, estimate: Estimate, k: int) -> ControlStep:
-        """Return the command for the period that starts at tick `k`."""
-        ahead = self.predicted(estimate_row(estimate))
-        step = self.controller.step(estimate_view(ahead, estimate.innovations), k)
-        if isinstance(step, Command):
-            step = ControlStep(step)
-        self._begin(step.command.as_array())
-        whole, share = self.hold_back[:, 0].astype(int), self.hold_back[:, 1] / self._period_s
-        later, earlier = (self.commands[whole + i, range(3)] for i in range(2))
-        self._sent = later + share * (earlier - later)
-        return replace(step, command=Command(*self._sent.tolist()))
-
-    def record(self, sent: Command) -> None:
-        """Record the command of a period: in the place of the last step's, if there was one."""
-        command = sent.as_array()
-        if self._sent is None:
-            self._begin(command)
-        else:  # an input that is held back and was sent as it was has its newest command
-            changed = command != self._sent
-            self.commands[0] = np.where(changed, command, self.commands[0])
-        self._sent = None
-
-    def _begin(self, command: FloatArray) -> None:
-        self.commands[1:] = self.commands[:-1].copy()
-        self.commands[0] = command
 
     def predicted(self, row: FloatArray) -> FloatArray:
         """Return the record `ESTIMATE` for the time at which a command of now acts."""
@@ -226,6 +190,9 @@ def predict_to(
     for i in range(STATES):
         for j in range(STATES):
             e.covariance[i, j] = kept[i, j]
+
+
+Guided: TypeAlias = Controller | DeadTimeCompensation
 
 
 def _split(time_s: float, period_s: float) -> tuple[int, float]:

@@ -1,7 +1,7 @@
 """Detectors of faults: what they observe, when they give an alarm, what follows from it.
 
-The built-in ones are one compiled call a tick, `observe_monitors`, on a flat record of all that
-they remember. Objects with names and words are views on it.
+The built-in ones are compiled, `observe_monitors`, and remember all in a flat record. Objects with
+names and words are views of it.
 
 The limits are those at which all detectors together give at most one false alarm in ten hours on
 every shipped scenario, or above, from tuning seeds; both steering angles, and both receivers, have
@@ -13,25 +13,16 @@ case of motion 0.7 m/s, off.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
 import numpy as np
 
-from ..errors import InvalidTuning
 from ..jit import cached_njit
-from ..layout import ALARM, INNOVATION, SAMPLE, measurements_of, sample_rows
+from ..layout import ALARM, INNOVATION, SAMPLE, measurements_of
 from ..models.augmented_state import SensorIndex
-from ..types import (
-    Command,
-    Estimate,
-    FloatArray,
-    Input,
-    Measurement,
-    Sensor,
-    WarmingUp,
-)
+from ..types import Command, Estimate, FloatArray, Measurement, Sensor, WarmingUp
 from ..vehicle import MAX_DEAD_TIME_S, Vehicle
 
 
@@ -69,13 +60,15 @@ class Alarm:
     unused: frozenset[Sensor] = frozenset()  # sensors whose samples are not to be used
 
 
+@dataclass
 class Detector:
     """A statistic that grows with a fault, and the limit at which it is one."""
 
-    def __init__(self, name: str, limit: float) -> None:
-        self.name, self.limit = name, limit
-        self.statistic = 0.0  # present value, 0 or above
-        self.residual = math.nan  # latest value of what the statistic is made from
+    name: str
+    limit: float
+    statistic: float = 0.0  # present value, 0 or above
+    residual: float = math.nan  # latest value of what the statistic is made from
+    allowance: float = math.nan  # of its cumulative sum, NaN where it has none
 
     def observe(self, observation: Observation) -> None:
         """Take in the data of a tick; they are not changed."""
@@ -87,10 +80,7 @@ class Detector:
 
 
 class DetectorIndex(IntEnum):
-    """Number of the first of each kind of built-in detectors, in the order in which they look.
-
-    A detector does not see the samples that an alarm of one before it rules out.
-    """
+    """Number of the first of each kind of built-in detectors."""
 
     REPETITIONS = 0  # by `SensorIndex`, but those of IMUs
     STEERING = 6  # front, trailer
@@ -157,7 +147,6 @@ MONITORS: Final = np.dtype(
         ("statistic", "f8", _COUNT),
         ("residual", "f8", _COUNT),  # latest value of what the statistic is made from, or NaN
         ("present", "f8", (_COUNT, ALARM)),  # the alarm that each would give
-        ("standing", "f8"),  # number of alarms
         ("unused", "f8", len(SensorIndex)),  # 1: an alarm rules the sensor out for the next tick
         # Latest reading: time, repetitions since the last new one, value; all readings in good
         # health, repetitions among them
@@ -192,8 +181,6 @@ MONITORS: Final = np.dtype(
     ]
 )
 """What the built-in detectors remember, a flat array of `MONITORS.itemsize // 8` entries."""
-_STANDING_COUNT: Final = (MONITORS.fields or {})["standing"][1] // 8
-
 MODEL: Final = np.dtype(
     [
         ("dead_time", "f8", 3),
@@ -225,11 +212,6 @@ def new_monitors() -> FloatArray:
     record["mean"] = record["moved"] = math.inf  # of a valve that has not stood yet
     record["scale"], record["mean_square"] = 1.0, _PLAY_AT_START**2
     return flat
-
-
-def no_alarms() -> FloatArray:
-    """Return rows of `ALARM` entries of the built-in detectors where none stands, (16, 4)."""
-    return np.tile([-1.0, 0.0, 0.0, 0.0], (_COUNT, 1))
 
 
 # Nothing is allocated in these kernels: without counting references they compile faster.
@@ -572,14 +554,12 @@ def _observe_steering(
             equivalent = ((square / entries) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
             statistic[index] = residuals[index] = max(0.0, equivalent)
 
-    s.standing = 0.0
     for index in range(_COUNT):
         if statistic[index] > limit[index]:
             for n in range(ALARM if alarms[index, 0] < 0.0 else 0):
                 alarms[index, n] = s.present[index, n]
         elif statistic[index] < _ENDS * limit[index]:
             alarms[index, 0] = -1.0
-        s.standing += 1.0 if alarms[index, 0] >= 0.0 else 0.0
     if alarms[DetectorIndex.WHEELS, 0] == _GO_ON:
         unused[SensorIndex.ENCODER] = 1.0
 
@@ -673,82 +653,32 @@ _TABLE += [
 _NAMES, _LIMITS, _REACTIONS, _REASONS = zip(*_TABLE, strict=True)
 
 
-def alarm_view(index: int, row: FloatArray) -> Alarm:
-    """Return the alarm of a built-in detector, by `DetectorIndex`, from its `ALARM` entries."""
-    reaction, *numbers = row.tolist()
-    reason, unused = _REASONS[index].format(*numbers), frozenset[Sensor]()
-    if index < DetectorIndex.STEERING:
-        unused = frozenset({_SENSORS[index]})
-    elif index == DetectorIndex.WHEELS and reaction == _GO_ON:
-        reason += f", planned {numbers[2]:.2f} m/s: encoder not used"
-        unused = frozenset({Sensor.ENCODER})
-    return Alarm(_NAMES[index], reason, Reaction(int(reaction)), unused)
-
-
-class BuiltIn(Detector):
-    """View of a built-in detector on the record that all of them share; `Monitors` advances it."""
-
-    def __init__(self, index: int, record: FloatArray) -> None:
-        self.name, self.index, self.record = _NAMES[index], index, record
-        sums = dict.fromkeys(range(DetectorIndex.STEERING, DetectorIndex.MOTION), _ALLOWANCE)
-        sums |= {int(DetectorIndex.MOTION): _MOTION[1], int(DetectorIndex.WHEELS): _WHEELS[1]}
-        self.allowance = sums.get(index, math.nan)  # of its cumulative sum, NaN where it has none
-
-    def _get(self, field: str) -> float:
-        return float(self.record.view(MONITORS)[field][0, self.index])
-
-    # Attributes of a detector of a user; here they follow the record.
-    limit = property(lambda self: self._get("limit"))  # pyright: ignore[reportAssignmentType]
-    statistic = property(lambda self: self._get("statistic"))  # pyright: ignore[reportAssignmentType]
-    residual = property(lambda self: self._get("residual"))  # pyright: ignore[reportAssignmentType]
-
-    def alarm(self) -> Alarm:
-        """Return the alarm for the present statistic."""
-        return alarm_view(self.index, self.record.view(MONITORS)["present"][0, self.index])
-
-
-def detectors() -> tuple[BuiltIn, ...]:
-    """Return new built-in detectors, by `DetectorIndex`, before their first tick."""
-    record = new_monitors()
-    return tuple(BuiltIn(index, record) for index in range(_COUNT))
-
-
 _SENSORS: Final = tuple(Sensor)  # in the order of `SensorIndex`
-_NO_COMMAND: Final = np.full(len(Input), math.nan)
+_NOTHING: Final = np.array([-1.0, 0.0, 0.0, 0.0])  # the `ALARM` entries of no alarm
+_SUMS: Final = (math.nan,) * 6 + (_ALLOWANCE,) * 4 + (_MOTION[1], _WHEELS[1]) + (math.nan,) * 4
 
 
 class Monitors:
-    """Runs detectors and keeps their alarms until the causes end.
+    """Runs the built-in detectors, then those of a user; keeps alarms until their causes end.
 
     An alarm begins where a statistic exceeds its limit and ends where it falls below half of it.
-    A detector does not see the samples that are not to be used by an alarm of one before it. The
-    built-in ones, all or some of them, run at once, where the first of them stands.
-
-    Raises:
-        InvalidTuning: built-in detectors of several calls of `detectors`.
+    The detectors of a user see no samples that an alarm of a built-in one rules out.
     """
 
-    def __init__(self, detectors: Sequence[Detector]) -> None:
-        self.detectors = tuple(detectors)
-        views = [item for item in detectors if isinstance(item, BuiltIn)]
-        self._record = views[0].record if views else np.empty(0)  # `MONITORS`
-        if any(item.record is not self._record for item in views):
-            raise InvalidTuning("detect: the built-in detectors must be of one call of detectors()")
-        # One that is left out watches without an alarm.
-        for index in {*range(_COUNT)} - {item.index for item in views} if views else ():
-            self._record.view(MONITORS)["limit"][0, index] = math.inf
-        self._steps = [item for item in detectors if item in views[:1] or item not in views]
-        self._rows = no_alarms()
+    def __init__(self, own: Sequence[Detector] = (), *, built_in: bool = True) -> None:
+        self._own, self._count = tuple(own), _COUNT if built_in else 0
+        self.record = new_monitors()  # `MONITORS`
+        self._rows = np.tile(_NOTHING, (self._count + len(own), 1))  # of `ALARM` entries
+        self._told: dict[int, Alarm] = {}  # those of a user's detectors, by row
         self._vehicle: Vehicle | None = None
         self._parameters = np.empty(0)  # `MODEL` of that vehicle
-        self._active: dict[str, Alarm] = {}  # by detector, in the order of their begins
 
     def warm_up(self) -> None:
         """Compile or load what `observe` needs; changes no later result."""
-        if self._record.size:
-            tick = np.empty((0, SAMPLE)), 0.0, _NO_COMMAND, np.empty((0, INNOVATION)), no_alarms()
-            observe_monitors(monitor_parameters(Vehicle()), self._record.copy(), *tick)
-        for detector in self._steps:
+        tick = np.empty((0, SAMPLE)), 0.0, np.full(3, math.nan), np.empty((0, INNOVATION))
+        alarms = np.tile(_NOTHING, (_COUNT, 1))
+        observe_monitors(monitor_parameters(Vehicle()), self.record.copy(), *tick, alarms)
+        for detector in self._own:
             if isinstance(detector, WarmingUp):
                 detector.warm_up()
 
@@ -761,7 +691,7 @@ class Monitors:
         vehicle: Vehicle,
         view: Callable[[], Estimate],
     ) -> FloatArray:
-        """Take in the data of a tick and return the alarms that stand, rows (m, `ALARM`).
+        """Take in the data of a tick; return rows of `ALARM` entries, one for each detector.
 
         Args:
             rows: samples (n, `SAMPLE`) that arrived since the tick before, of sensors that work.
@@ -771,55 +701,57 @@ class Monitors:
             vehicle: present model parameters.
             view: makes the estimate, for detectors of a user.
         """
-        if vehicle is not self._vehicle:
-            self._vehicle, self._parameters = vehicle, monitor_parameters(vehicle)
-        if len(self._steps) == 1 and self._record.size:
-            self._watch(rows, now, sent, innovations)
-            return self._rows
-        command = None if math.isnan(sent[0]) else Command(*sent.tolist())
-        seen = Observation(now, measurements_of(rows), command, view(), vehicle)
-        for detector in self._steps:
-            names: tuple[str, ...] = (detector.name,)
-            if isinstance(detector, BuiltIn):
-                self._watch(sample_rows(seen.samples), now, sent, innovations)
-                names = _NAMES
-            else:
+        if self._count:
+            if vehicle is not self._vehicle:
+                self._vehicle, self._parameters = vehicle, monitor_parameters(vehicle)
+            tick = rows, now, sent, innovations, self._rows
+            observe_monitors(self._parameters, self.record, *tick)
+        if self._own:
+            command = None if math.isnan(sent[0]) else Command(*sent.tolist())
+            used = self.record.view(MONITORS)["unused"][0, rows[:, 1].astype(int)] == 0.0
+            seen = Observation(now, measurements_of(rows[used]), command, view(), vehicle)
+            for index, detector in enumerate(self._own, self._count):
                 detector.observe(seen)
-                if detector.statistic > detector.limit:
-                    self._active.setdefault(detector.name, detector.alarm())
+                row = self._rows[index]
+                if detector.statistic > detector.limit and row[0] < 0.0:
+                    alarm = self._told[index] = detector.alarm()
+                    row[0] = alarm.reaction
                 elif detector.statistic < _ENDS * detector.limit:
-                    self._active.pop(detector.name, None)
-            alarms = [alarm for name, alarm in self._active.items() if name in names]
-            if unused := {sensor for alarm in alarms for sensor in alarm.unused}:
-                samples = [sample for sample in seen.samples if sample.sensor not in unused]
-                seen = replace(seen, samples=samples)
-        return np.array([[a.reaction, 0.0, 0.0, 0.0] for a in self.alarms]).reshape(-1, ALARM)
+                    row[0] = -1.0
+        return self._rows
 
-    def _watch(
-        self, rows: FloatArray, now: float, sent: FloatArray, innovations: FloatArray
-    ) -> None:
-        observe_monitors(self._parameters, self._record, rows, now, sent, innovations, self._rows)
-        if self._active or self._record[_STANDING_COUNT]:
-            for index, row in enumerate(self._rows):
-                if row[0] < 0.0:
-                    self._active.pop(_NAMES[index], None)
-                elif _NAMES[index] not in self._active:
-                    self._active[_NAMES[index]] = alarm_view(index, row)
+    @property
+    def detectors(self) -> tuple[Detector, ...]:
+        """All detectors; the built-in ones, by `DetectorIndex`, as they are now."""
+        s, count = self.record.view(MONITORS)[0], self._count
+        columns = (s[name].tolist() for name in ("limit", "statistic", "residual"))
+        known = zip(_NAMES[:count], *columns, _SUMS, strict=False)
+        return (*(Detector(*item) for item in known), *self._own)
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """The alarms that stand, in the order of their begins."""
-        return tuple(self._active.values())
+        """The alarms that stand, by detector."""
+        return tuple(self._alarm(i, r) for i, r in enumerate(self._rows.tolist()) if r[0] >= 0.0)
 
-    def reason(self, row: int, numbers: FloatArray) -> str:
+    def reason(self, index: int, numbers: FloatArray) -> str:
         """Return the words of an alarm of `observe` from its row and its three numbers."""
-        if len(self._steps) == 1 and self._record.size:
-            return alarm_view(row, np.array([Reaction.SLOW, *numbers])).reason
-        return self.alarms[row].reason
+        return self._alarm(index, [Reaction.SLOW, *numbers]).reason
 
     def usable(self, rows: FloatArray) -> FloatArray:
         """Return the samples without those of sensors that an alarm rules out."""
-        if not self._active:
+        if not (self._rows[:, 0] >= 0.0).any():
             return rows
-        unused = [_SENSORS.index(s) for alarm in self._active.values() for s in alarm.unused]
+        unused = [_SENSORS.index(s) for alarm in self.alarms for s in alarm.unused]
         return rows[~np.isin(rows[:, 1], unused)] if unused else rows
+
+    def _alarm(self, index: int, row: Sequence[float]) -> Alarm:
+        if index >= self._count:
+            return self._told[index]
+        reaction, *numbers = row
+        reason, unused = _REASONS[index].format(*numbers), frozenset[Sensor]()
+        if index < DetectorIndex.STEERING:
+            unused = frozenset({_SENSORS[index]})
+        elif index == DetectorIndex.WHEELS and reaction == _GO_ON:
+            reason += f", planned {numbers[2]:.2f} m/s: encoder not used"
+            unused = frozenset({Sensor.ENCODER})
+        return Alarm(_NAMES[index], reason, Reaction(int(reaction)), unused)

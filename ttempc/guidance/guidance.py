@@ -42,8 +42,8 @@ from ..types import (
 )
 from ..vehicle import Vehicle
 from .controllers import EstimatorFactory, estimator_factory, make_controller
-from .dead_time import compensated, resume
-from .detection import Alarm, Detector, Monitors, Reaction, detectors
+from .dead_time import DeadTimeCompensation, Guided, compensated, resume
+from .detection import Alarm, Detector, Monitors, Reaction
 from .supervisor import SafetyLimits, Supervisor, user_part
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Parts:
     """Parts of a guidance for one vehicle; None where the user gave an object, which stays."""
 
     reference: Reference
-    controller: Controller | None
+    controller: Guided | None
     estimator: Estimator | None
 
 
@@ -77,13 +77,15 @@ def make_estimator(
 
 
 def make_guided(
-    controller: str | ControllerFactory | Controller,
+    controller: str | ControllerFactory | Guided,
     reference: Reference,
     period_s: float,
     options: Mapping[str, object] | None,
     tube: TubeDesign | None,
-) -> Controller:
+) -> Guided:
     """Return the controller of a name or factory with its dead times compensated, or the object."""
+    if isinstance(controller, DeadTimeCompensation):
+        return controller
     if not isinstance(controller, str | type) and hasattr(controller, "step"):
         return controller  # pyright: ignore[reportReturnType] - it has `step`
 
@@ -102,7 +104,7 @@ class _Builder:
     It knows nothing of the guidance, which its thread would keep.
     """
 
-    controller: str | ControllerFactory | Controller | None
+    controller: str | ControllerFactory | Guided | None
     estimator: str | EstimatorFactory | Estimator | None
     reference: Reference
     period_s: float
@@ -186,7 +188,8 @@ class Guidance:
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
             your own.
-        detect: whether the supervisor reacts to detectors of faults; or detectors of your own.
+        detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
+            your own beside them.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -202,7 +205,7 @@ class Guidance:
         vehicle: Vehicle,
         reference: Reference | Path,
         period_s: float = 0.2,
-        controller: str | ControllerFactory | Controller = "ttempc",
+        controller: str | ControllerFactory | Guided = "ttempc",
         estimator: str | EstimatorFactory | Estimator = "ekf",
         *,
         options: Mapping[str, object] | None = None,
@@ -242,10 +245,10 @@ class Guidance:
         )
         self._learner = Learner(learn, vehicle, period_s, builder)
         self._learnt: tuple[str, ...] = ()  # since the last step
-        self._supervisor = Supervisor(self._controller, reference, period_s, safety)
-        if isinstance(detect, bool):
-            detect = detectors() if detect else ()
-        self._monitors = Monitors(detect)
+        own = () if isinstance(detect, bool) else detect
+        self._monitors = Monitors(own, built_in=detect is not False)
+        reasons = self._monitors.reason
+        self._supervisor = Supervisor(self._controller, reference, period_s, safety, reasons)
         self._alarms = np.zeros((0, ALARM))  # of the detectors, since the last update
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
@@ -274,7 +277,7 @@ class Guidance:
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """Alarms of the detectors that stand since the last update, the oldest first."""
+        """Alarms of the detectors that stand since the last update, by detector."""
         return self._monitors.alarms
 
     @property
@@ -412,9 +415,7 @@ class Guidance:
         row = None if self._stale else self._row
         now = self._time_s + self._stale * self.period_s
         self._stale += 1
-        self._sent = self._supervisor.drive(
-            row, self.reference_tick, now, self._alarms, self._monitors.reason, self._seen
-        )
+        self._sent = self._supervisor.drive(row, self.reference_tick, now, self._alarms, self._seen)
         self.learnt, self._learnt, self._control_step = self._learnt, (), None
         self.tick += 1
         self.reference_tick += not self._supervisor.waits

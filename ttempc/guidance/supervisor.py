@@ -1,18 +1,25 @@
-"""Supervisor: holds, slows down or stops the vehicle on a bad estimate, controller or reference."""
+"""Supervisor: holds, slows down or stops the vehicle on a bad estimate, controller or reference.
+
+What it decides and how it limits a command are two compiled functions on flat records, `decide`
+and `finish`; words are made when someone looks.
+"""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from operator import attrgetter
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..errors import ControllerFailed, GuidanceFailed
+from ..errors import ControllerFailed, GuidanceFailed, InvalidTuning
+from ..jit import cached_njit
 from ..laws.tracking_controller import TrackingController, write_told
-from ..layout import ALARM, ESTIMATE, TICK, estimate_row, estimate_view, new_tick
+from ..layout import ALARM, ESTIMATE, TICK, estimate_view, new_tick
 from ..reference.path import Projection
-from ..reference.reference import Reference, ReferenceSample
+from ..reference.reference import Reference
 from ..types import (
     Command,
     Controller,
@@ -22,37 +29,345 @@ from ..types import (
     FloatArray,
     Input,
     Preparing,
-    SolverReport,
     SpaceBased,
     State,
-    TubeReport,
 )
 from ..vehicle import CommandLimits
 from .dead_time import DeadTimeCompensation
-from .detection import Alarm
-from .supervise import (
-    ALARM_HELD,
-    CORRIDOR,
-    CUT_NOT_FINITE,
-    CUT_RANGE,
-    CUT_RATE,
-    DRIVE,
-    GUARD,
-    HOLD,
-    LAG_M,
-    LOST,
-    NO_ESTIMATE,
-    NOT_FINITE,
-    ON_PATH,
-    SAFETY,
-    STOP,
-    UNCERTAIN,
-    UNSEEN,
-    Course,
-    SafetyLimits,
-    decide,
-    finish,
+from .detection import Reaction
+
+# Modes:
+DRIVE: Final = 0  # the controller drives, at half speed where there is a reason.
+ON_PATH: Final = 1  # stop, and the controller steers.
+HOLD: Final = 2  # the last command is held.
+STOP: Final = 3  # stop, and hold the steering.
+# Reasons of a mode or of half speed:
+NO_ESTIMATE: Final = 1
+NOT_FINITE: Final = 2
+LOST: Final = 3  # the tractor is too far off, beside, turned; the trailer likewise
+ALARM_HELD: Final = 9
+UNSEEN: Final = 10
+UNCERTAIN: Final = 11
+CORRIDOR: Final = 12
+# What is wrong with a command of a user's controller:
+CUT_NOT_FINITE: Final = 1
+CUT_RANGE: Final = 2
+CUT_RATE: Final = 3
+
+GUARD: Final = np.dtype(
+    [
+        ("sent", "f8", 3),  # the last command
+        ("began", "f8"),  # whether the rate limits hold: a user's first command is free of them
+        ("finite_s", "f8"),  # time of the last finite estimate, NaN: none
+        ("seen_s", "f8"),  # time of the last accepted GNSS sample, NaN: none
+        ("error", "f8", 7),  # z_e of the tick before, NaN: none
+        ("lost", "f8"),  # reason of a stop for good
+        ("overridden", "f8"),  # whether the last command was not the controller's
+        ("waiting", "f8"),  # whether the reference waits where it is ahead
+        ("held", "f8"),  # row of the alarm whose stop is held, -1: none
+        ("held_numbers", "f8", 3),  # of that alarm
+        ("held_kind", "f8"),  # reaction of that stop
+        ("alarm_s", "f8"),  # time of the last alarm that asked for a stop
+        ("restarts", "f8"),
+    ]
 )
+"""Memory of the supervisor from tick to tick."""
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyLimits:
+    """Limits at which a supervisor slows down and stops; all assumed.
+
+    Without GNSS the filter `ekf` drifts by some decimetres in the time to `unseen_stop_s`: after
+    10 s by 17 cm in the median and 40 cm at most, in the project's own simulated outages.
+
+    Raises:
+        InvalidTuning: a value is not above 0.
+
+    Examples:
+        >>> SafetyLimits(unseen_stop_s=6.0).unseen_stop_s
+        6.0
+    """
+
+    unseen_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
+    unseen_stop_s: float = 12.0
+    blind_s: float = 1.0  # without a finite estimate: hold the command so long, then stop
+    uncertain_slow_m: float = 0.25  # standard deviation of the tractor point
+    uncertain_stop_m: float = 0.50
+    cross_m: float = 2.0  # cross-track error of either point
+    distance_m: float = 4.0  # of either point from its reference
+    yaw: float = math.radians(60.0)  # yaw error of either body [rad]
+    jump_m: float = 0.3  # change of the error in one period beyond that of the speeds
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not value > 0.0:
+                raise InvalidTuning(f"{item.name}: got {value}, must be above 0")
+
+
+SAFETY: Final = np.dtype([(item.name, "f8") for item in fields(SafetyLimits)])
+"""Record of `SafetyLimits`."""
+
+
+class Course(NamedTuple):
+    """Constants of a supervisor along a reference of N ticks."""
+
+    state: FloatArray  # (N, 7) of the reference
+    trailer_xy: FloatArray  # (N, 2) [m]
+    inputs: FloatArray  # (N, 3)
+    beyond: NDArray[np.bool_]  # (N, 3) inputs beyond the limits
+    limits: FloatArray  # (3, 3) smallest and largest command, largest change in a period
+    safety: FloatArray  # record `SAFETY`
+    period_s: float
+    speed: float  # largest one of the reference [m/s]
+    gear: float  # 1, in reverse -1
+    hold_back: FloatArray  # (3, 2) whole periods and rest [s] of inputs with a shorter dead time
+
+
+_STANDING: Final = 0.05  # [m/s] largest speed of a vehicle that stands
+_QUIET_S: Final = 2.0  # without an alarm before a vehicle that stands drives on; assumed
+# Where the cause shows only while the vehicle drives, as with spinning wheels, it must not stop and
+# start for ever.
+_RESTARTS: Final = 1
+_FORGOTTEN_S: Final = 60.0  # of driving after which the restarts count anew; assumed
+_SLOW: Final = 0.5  # share of the reference's hydrostat position that is left at half speed
+_UP_TO_SPEED: Final = 0.8  # share of the reference's speed from which on it waits no more; assumed
+LAG_M: Final = 1.0  # behind the reference, up to which a corridor slows the vehicle down; assumed
+_ROUNDING: Final = 1e-9  # an excess over a limit below this is not reported
+_EXCESS: Final = 1e-6  # likewise of a reference
+_TURN: Final = math.tau
+_SLOW_DOWN, _STOP_ON_PATH, _STOP = (
+    float(Reaction.SLOW),
+    float(Reaction.STOP_ON_PATH),
+    float(Reaction.STOP),
+)
+_X_T, _Y_T, _PSI_T, _X_I, _Y_I, _PSI_I, _V = range(7)  # of the error
+
+
+@cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rewrites=True)
+def decide(
+    sample: int,
+    now: float,
+    fresh: bool,
+    estimate: FloatArray,
+    alarms: FloatArray,
+    course: Course,
+    guard: FloatArray,
+    tick: FloatArray,
+) -> int:
+    """Begin the record `tick` and return the mode of this tick.
+
+    Args:
+        sample: of the reference with which the estimate is compared.
+        now: present time on the clock of the estimate [s].
+        fresh: whether there is an estimate since the last step.
+        estimate: record `ESTIMATE`.
+        alarms: rows (m, `ALARM`) of the detectors.
+        guard: record `GUARD`.
+    """
+    e, g, t = estimate.view(ESTIMATE)[0], guard.view(GUARD)[0], tick.view(TICK)[0]
+    safety, x = course.safety.view(SAFETY)[0], e.state
+    tick[:] = 0.0
+    t.sample = sample
+    for i in range(11):
+        t.tracking[i] = math.nan
+    for i in range(20):
+        t.tube[i] = math.nan
+    for i in range(4):
+        t.solver[i] = math.nan
+    if math.isnan(g.finite_s):
+        g.finite_s = now
+    total = e.hitch_angle + e.trailer_xy[0] + e.trailer_xy[1]
+    for i in range(7):
+        total += x[i]
+    for i in range(5):
+        total += e.disturbance[i]
+    for i in range(4):
+        total += e.map_disturbance[i]
+    if not (fresh and math.isfinite(total)):
+        g.error[0], t.solver[4] = math.nan, 1.0
+        t.reason = NOT_FINITE if fresh else NO_ESTIMATE
+        if now - g.finite_s <= safety.blind_s:
+            t.mode = HOLD
+        else:
+            t.mode, t.stopping, t.waits, g.waiting = STOP, 1.0, 1.0, 1.0
+        return int(t.mode)
+    g.finite_s = now
+    error, r, jumped = t.tracking, course.state[sample], not math.isnan(g.error[0])
+    for body in range(2):  # see `tracking_error`
+        at, yaw = 3 * body, x[2 + body]
+        dx, dy = r[0] - x[0], r[1] - x[1]
+        if body == 1:
+            dx = course.trailer_xy[sample, 0] - e.trailer_xy[0]
+            dy = course.trailer_xy[sample, 1] - e.trailer_xy[1]
+        error[at] = math.cos(yaw) * dx + math.sin(yaw) * dy
+        error[at + 1] = math.cos(yaw) * dy - math.sin(yaw) * dx
+        turned = r[2 + body] - yaw
+        error[at + 2] = turned - _TURN * math.floor(turned / _TURN + 0.5)
+    error[_V] = r[6] - x[6]
+    if jumped:  # faster than the speeds explain
+        moved = math.hypot(error[0] - g.error[0], error[1] - g.error[1])
+        speed = abs(error[_V]) + course.speed
+        if not moved <= safety.jump_m + 2.0 * speed * course.period_s:
+            t.jump_m = moved
+    for i in range(7):
+        g.error[i] = error[i]
+    for body in range(2):
+        at = 3 * body
+        if g.lost == 0.0 and math.hypot(error[at], error[at + 1]) > safety.distance_m:
+            g.lost = LOST + at
+        if g.lost == 0.0 and abs(error[at + 1]) > safety.cross_m:
+            g.lost = LOST + at + 1
+        if g.lost == 0.0 and abs(error[at + 2]) > safety.yaw:
+            g.lost = LOST + at + 2
+    if e.position_seen != 0.0:
+        g.seen_s = e.time_s
+    unseen_s = now - (e.time_s if math.isnan(g.seen_s) else g.seen_s)
+    variance = max(e.covariance[0, 0], e.covariance[1, 1])  # along the worse axis of the map
+    deviation = math.sqrt(variance) if variance >= 0.0 else math.inf
+    first, strongest, reaction = -1, 0.0, 0.0
+    for i in range(alarms.shape[0]):
+        t.solver[4] = max(t.solver[4], 1.0 if alarms[i, 0] >= 0.0 else 0.0)
+        reaction = max(reaction, alarms[i, 0])
+        if alarms[i, 0] >= _STOP_ON_PATH:
+            strongest = max(strongest, alarms[i, 0])
+            if first < 0:
+                first = i
+    if first >= 0:
+        if g.held < 0.0:
+            if now - g.alarm_s > _FORGOTTEN_S:
+                g.restarts = 0.0
+            g.held, g.held_kind = first, strongest
+            for i in range(3):
+                g.held_numbers[i] = alarms[first, 1 + i]
+        g.held_kind, g.alarm_s = max(g.held_kind, strongest), now
+    else:
+        rests = abs(x[6]) <= _STANDING and now - g.alarm_s >= _QUIET_S
+        if g.held >= 0.0 and rests and g.restarts < _RESTARTS:
+            g.held, g.restarts = -1.0, g.restarts + 1.0
+    if g.held >= 0.0:
+        reaction = g.held_kind
+    along = error[_X_T] * math.cos(error[_PSI_T]) + error[_Y_T] * math.sin(error[_PSI_T])
+    ahead = along * course.gear >= 0.0  # whether the reference is
+    t.mode = STOP
+    if g.lost != 0.0:
+        t.reason = g.lost
+    elif reaction == _STOP:
+        t.reason = ALARM_HELD
+    elif unseen_s > safety.unseen_stop_s:
+        t.reason = UNSEEN
+    elif deviation > safety.uncertain_stop_m:
+        t.reason = UNCERTAIN
+    elif reaction == _STOP_ON_PATH:
+        t.mode, t.reason = ON_PATH, ALARM_HELD
+    else:
+        t.mode = DRIVE
+        if unseen_s > safety.unseen_slow_s:
+            t.reason = UNSEEN
+        elif deviation > safety.uncertain_slow_m:
+            t.reason = UNCERTAIN
+        elif reaction == _SLOW_DOWN:
+            t.reason = ALARM_HELD
+    if t.mode != DRIVE:
+        t.stopping = 1.0
+    if t.reason != 0.0:
+        g.waiting = 1.0
+    elif abs(x[6]) >= _UP_TO_SPEED * abs(r[6]):
+        g.waiting = 0.0
+    t.waits = 1.0 if g.waiting != 0.0 and ahead else 0.0
+    for i in range(3):
+        if t.reason != 0.0 or t.jump_m != 0.0 or course.beyond[sample, i]:
+            t.solver[4] = 1.0
+    return int(t.mode)
+
+
+@cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rewrites=True)
+def finish(
+    own: bool, course: Course, commands: FloatArray, guard: FloatArray, tick: FloatArray
+) -> None:
+    """Write the command of a tick into its record: the one place that limits a command.
+
+    An amplitude or a rate beyond a limit is cut to the nearest allowed one, from the command that
+    was sent. An entry that is not finite keeps its value of the tick before, 0 at the first tick.
+    To stop, the hydrostat ramps to 0 at its rate.
+
+    Args:
+        own: whether the record has the actions of a controller without limits of its own; else it
+            has the command of a user's controller, with what that says of limits.
+        commands: with dead times the commands as they act together, newest first, (count, 3);
+            without them (0, 3).
+        guard: record `GUARD`.
+        tick: record `TICK` as `decide` and the controller have left it.
+    """
+    g, t = guard.view(GUARD)[0], tick.view(TICK)[0]
+    limits, delayed = course.limits, commands.shape[0] > 0
+    asked, largest_hp, sample = t.mode == DRIVE or t.mode == ON_PATH, math.inf, int(t.sample)
+    if t.mode == DRIVE:
+        lagging = False
+        if t.reason == 0.0 and t.leaves_corridor != 0.0:
+            t.reason = CORRIDOR
+            lagging = t.tracking[_X_T] * math.copysign(1.0, course.inputs[sample, Input.HP]) > LAG_M
+        if t.reason != 0.0 and not lagging:
+            largest_hp = _SLOW * abs(course.inputs[sample, Input.HP])
+    elif t.mode == ON_PATH:
+        largest_hp = 0.0
+    if delayed:
+        for n in range(commands.shape[0] - 1, 0, -1):
+            for i in range(3):
+                commands[n, i] = commands[n - 1, i]
+    changed = False
+    for i in range(3):
+        entry = t.control[i]
+        if asked:
+            total = entry[0] + entry[1] + entry[2]
+            wanted = total if own else entry[4]
+        else:
+            total = wanted = g.sent[i] if i != Input.HP or t.mode == HOLD else 0.0
+        kept = g.sent[i] if g.began != 0.0 else 0.0
+        told, desired = entry[7] != 0.0, wanted
+        if delayed and asked:  # the newest one, and what of it and of older ones acts together
+            before = commands[1, i]
+            desired = wanted if math.isfinite(wanted) else before
+            low = max(limits[0, i], before - limits[2, i])
+            high = min(limits[1, i], before + limits[2, i])
+            newest = commands[0, i] = min(max(desired, low), high)
+            told |= own and not low + _ROUNDING < newest < high - _ROUNDING
+            whole, share = int(course.hold_back[i, 0]), course.hold_back[i, 1] / course.period_s
+            desired = commands[whole, i]
+            desired += share * (commands[whole + 1, i] - desired)
+        elif not math.isfinite(desired):
+            desired = kept
+        low, high = limits[0, i], limits[1, i]
+        if g.began != 0.0:
+            low, high = max(low, g.sent[i] - limits[2, i]), min(high, g.sent[i] + limits[2, i])
+        allowed = min(max(desired, low), high)
+        command = allowed
+        if i == Input.HP and largest_hp < math.inf:
+            command = min(max(min(max(desired, -largest_hp), largest_hp), low), high)
+        limited = told or command != desired
+        if asked and own and not delayed:
+            limited |= not low + _ROUNDING < command < high - _ROUNDING
+        elif asked and not own:
+            beyond = not abs(wanted - (commands[0, i] if delayed else allowed)) <= _ROUNDING
+            limited = told or beyond or command != allowed
+            if beyond and (g.overridden == 0.0 or not math.isfinite(wanted)):
+                t.cut[i], t.solver[4] = CUT_NOT_FINITE, 1.0
+                if math.isfinite(wanted):
+                    within = limits[0, i] <= wanted <= limits[1, i]
+                    t.cut[i] = CUT_RATE if within else CUT_RANGE
+        changed |= command != allowed or (g.overridden != 0.0 and abs(command - desired) > 0.0)
+        if not asked:
+            entry[0], entry[1], entry[2], total = command, 0.0, 0.0, command
+        if delayed and (not asked or command != desired):
+            commands[0, i] = command
+        g.sent[i] = command
+        entry[3], entry[4], entry[5], entry[6] = total, command, limits[0, i], limits[1, i]
+        entry[7] = 1.0 if limited else 0.0
+    g.overridden = 1.0 if changed or not asked or t.mode == ON_PATH else 0.0
+    g.began = 1.0
+    if t.reason != 0.0 or t.law != 0.0:
+        t.solver[4] = 1.0
 
 
 @contextmanager
@@ -70,102 +385,68 @@ def user_part(error: type[GuidanceFailed], what: str) -> Iterator[None]:
         raise error(f"{what}: {type(reason).__name__}: {reason}") from reason
 
 
-_EXCESS: Final = 1e-6  # excess of a reference over a limit that is not reported
-
-
-def beyond_limits(grid: ReferenceSample, limits: CommandLimits) -> list[str]:
-    """Return for every tick the inputs of the reference beyond the limits, "" where none is."""
-    inputs = grid.inputs
-    over = (inputs > limits.upper + _EXCESS) | (inputs < limits.lower - _EXCESS)
-    fast = np.abs(np.diff(inputs, axis=0, prepend=inputs[:1])) > limits.step + _EXCESS
-    names = np.array([item.name.lower() for item in Input])
-    notes = np.full(len(inputs), "", dtype=object)
-    for k in np.flatnonzero(over.any(axis=1) | fast.any(axis=1)):
-        excess = ", ".join(names[over[k] | fast[k]])
-        notes[k] = f"reference asks for more {excess} than the limits allow: driving at the limit"
-    return notes.tolist()
-
-
-_SHAPES: Final[dict[str, tuple[int | None, ...]]] = {  # None: any length
-    "feedforward": (3,),
-    "feedback": (3,),
-    "robust": (3,),
-    "limited": (3,),
+_SHAPES: Final[dict[str, tuple[int | None, ...]]] = {  # of what is logged; None: any length
+    **dict.fromkeys(("feedforward", "feedback", "robust", "limited"), (3,)),
     "tracking_error": (7,),
     "modelling_error": (4,),
     "predicted_path": (None, 4),
+    **dict.fromkeys(("tube.nominal", "tube.half_width"), (9,)),
+    **dict.fromkeys(("tube.inside", "tube.margin"), ()),
+    **dict.fromkeys((f"solver.{n}" for n in ("accepted", "iterations", "solve_time_s")), ()),
+    **dict.fromkeys(("solver.primal_residual", "solver.dual_residual"), ()),
 }
-_OPTIONAL: Final = {"tracking_error", "modelling_error", "predicted_path"}
-_SOLVER_NUMBERS: Final = [item.name for item in fields(SolverReport) if item.name != "status"]
+_OPTIONAL: Final = {"tracking_error", "modelling_error", "predicted_path", "tube", "solver"}
 _MOST_POINTS: Final = 10_000  # of a predicted path
 _MOST_TEXT: Final = 1000  # characters of a reason
-_NUMBER: Final = (int, float, np.number, np.bool_)
 
 
-def _checked(answer: object, k: int) -> ControlStep:
-    """Return the answer of a controller as a step; a bare command gets empty diagnostics.
+def _checked(answer: object, k: int) -> tuple[FloatArray, Diagnostics]:
+    """Return command (3,) and diagnostics of a controller's answer; a bare command has empty ones.
 
     Raises:
         ControllerFailed: it is no step that could be driven and logged.
     """
-    if isinstance(answer, Command):
-        return ControlStep(answer)
-    if not isinstance(answer, ControlStep):
+    step = ControlStep(answer) if isinstance(answer, Command) else answer
+    about = f"the controller's step at tick {k}: "
+    if not isinstance(step, ControlStep):
         raise ControllerFailed(
-            f"the controller returned {type(answer).__name__} at tick {k}, must be a Command or a "
-            "ControlStep"
+            f"{about}must be Command or ControlStep, got {type(answer).__name__}"
         )
-    diagnostics, about = answer.diagnostics, f"the controller's step at tick {k}"
-    if not isinstance(answer.command, Command) or not isinstance(diagnostics, Diagnostics):
-        raise ControllerFailed(f"{about}: must hold a Command and Diagnostics, got {answer!r}")
+    command, told = step.command, step.diagnostics
+    if not isinstance(command, Command) or not isinstance(told, Diagnostics):
+        raise ControllerFailed(f"{about}must hold Command and Diagnostics, got {answer!r:.200}")
     for name, shape in _SHAPES.items():
-        value = getattr(diagnostics, name)
-        if not (value is None and name in _OPTIONAL):
-            _check_array(about, name, value, shape)
-    path, tube, solver = diagnostics.predicted_path, diagnostics.tube, diagnostics.solver
-    numbers: list[object] = []
-    if isinstance(tube, TubeReport):
-        _check_array(about, "tube.nominal", tube.nominal, (9,))
-        _check_array(about, "tube.half_width", tube.half_width, (9,))
-        numbers += [tube.margin, tube.inside]
-    if isinstance(solver, SolverReport):
-        numbers += [getattr(solver, name) for name in _SOLVER_NUMBERS]
-    for holds, must in (
-        (
-            path is None or (len(path) <= _MOST_POINTS and np.isfinite(path).all()),
-            f"predicted_path must be finite, {_MOST_POINTS} points at most",
-        ),
-        (tube is None or isinstance(tube, TubeReport), "tube must be a TubeReport or None"),
-        (solver is None or isinstance(solver, SolverReport), "solver must be a SolverReport"),
-        (all(isinstance(n, _NUMBER) for n in numbers), "tube and solver must hold numbers"),
-        (_is_text(diagnostics.fallback), f"fallback must be text, {_MOST_TEXT} characters at most"),
-        (all(map(_is_text, diagnostics.learnt)), "learnt must be texts"),
-    ):
-        if not holds:
-            raise ControllerFailed(f"{about}: diagnostics.{must}")
-    return answer
-
-
-def _numbers(command: Command, k: int) -> FloatArray:
-    try:
-        return np.array([float(command.delta_t), float(command.delta_i), float(command.hp)])
-    except (TypeError, ValueError) as error:
+        part = name.partition(".")[0]
+        if part in _OPTIONAL and getattr(told, part) is None:
+            continue
+        try:
+            value = attrgetter(name)(told)
+        except AttributeError as error:
+            raise ControllerFailed(f"{about}diagnostics.{name}: {error}") from None
+        array = np.asarray(value) if np.ndim(value) == 0 and not shape else value
+        if (
+            not isinstance(array, np.ndarray)
+            or array.dtype.kind not in "biuf"
+            or array.ndim != len(shape)
+            or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True))
+        ):
+            raise ControllerFailed(
+                f"{about}diagnostics.{name} must hold numbers of shape {shape}, got {value!r:.200}"
+            )
+    path = told.predicted_path
+    if path is not None and not (len(path) <= _MOST_POINTS and np.isfinite(path).all()):
         raise ControllerFailed(
-            f"the controller's step at tick {k}: {command} is not of numbers: {error}"
-        ) from None
-
-
-def _check_array(about: str, name: str, value: object, shape: tuple[int | None, ...]) -> None:
-    if (
-        not isinstance(value, np.ndarray)
-        or len(value.shape) != len(shape)
-        or any(n not in (None, m) for n, m in zip(shape, value.shape, strict=True))
-    ):
-        raise ControllerFailed(
-            f"{about}: diagnostics.{name} must be an array of shape {shape}, got {value!r:.200}"
+            f"{about}diagnostics.predicted_path must be finite, {_MOST_POINTS} points at most"
         )
-    if value.dtype.kind not in "biuf":
-        raise ControllerFailed(f"{about}: diagnostics.{name} must hold numbers, got {value.dtype}")
+    for name, texts in (("fallback", (told.fallback,)), ("learnt", told.learnt)):
+        if not all(map(_is_text, texts)):
+            raise ControllerFailed(
+                f"{about}diagnostics.{name} must be text, {_MOST_TEXT} characters at most"
+            )
+    try:
+        return np.array([float(command.delta_t), float(command.delta_i), float(command.hp)]), told
+    except (TypeError, ValueError) as error:
+        raise ControllerFailed(f"{about}{command} is not of numbers: {error}") from None
 
 
 def _is_text(value: object) -> bool:
@@ -211,16 +492,19 @@ class Supervisor:
 
     While the supervisor slows or stops the vehicle, and until it is up to speed again, the
     reference waits at every tick at which it is ahead of the vehicle (`waits`).
+
+    `reasons` returns the words of an alarm from its row and its three numbers.
     """
 
     def __init__(
         self,
-        controller: Controller,
+        controller: Controller | DeadTimeCompensation,
         reference: Reference,
         period_s: float,
-        safety: SafetyLimits | None = None,
+        safety: SafetyLimits | None,
+        reasons: Callable[[int, FloatArray], str],
     ) -> None:
-        self._period_s, self._safety = period_s, safety or SafetyLimits()
+        self._period_s, self._safety, self._reasons = period_s, safety or SafetyLimits(), reasons
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
         self._guard = np.zeros(GUARD.itemsize // 8)
         self.tick = new_tick()  # record `TICK` of the last step
@@ -228,7 +512,8 @@ class Supervisor:
         if self.space_based:
             self._projection = Projection(self._course.state[:, :2])
         guard = self._guard.view(GUARD)[0]
-        guard["sent"] = CommandLimits.of(reference.vehicle, period_s).clamp(self._start)
+        limits = self._course.limits
+        guard["sent"] = np.clip(self._course.inputs[0], limits[0], limits[1])
         guard["began"] = self._law is not None
         guard["finite_s"] = guard["seen_s"] = guard["error"] = math.nan
         guard["held"], guard["alarm_s"] = -1.0, -math.inf
@@ -236,26 +521,28 @@ class Supervisor:
         self._told: Diagnostics | None = None  # by the controller at this tick
         self._asked: TrackingController | None = None  # at this tick
         self._sample = 0  # of the reference, of the controller at this tick
-        self._reasons: Callable[[int, FloatArray], str] = _Given(())
         self._alarms: FloatArray = np.zeros((0, ALARM))
 
-    def _follow(self, controller: Controller, reference: Reference) -> None:
+    def _follow(self, controller: Controller | DeadTimeCompensation, reference: Reference) -> None:
         limits = CommandLimits.of(reference.vehicle, self._period_s)
         self._dead_times = controller if isinstance(controller, DeadTimeCompensation) else None
-        asked = self._dead_times.controller if self._dead_times else controller
+        asked = (
+            controller.controller if isinstance(controller, DeadTimeCompensation) else controller
+        )
         self._controller = asked
         self._law = asked if isinstance(asked, TrackingController) else None
-        self._preparing = controller if isinstance(controller, Preparing) else None
         grid = reference.on_grid(self._period_s)
         if self.space_based:
             grid = reference.on_grid(self._period_s, beyond=run_on(len(grid.time_s)))
-        self._start, self._beyond_limits = grid.inputs[0], beyond_limits(grid, limits)
+        inputs = grid.inputs
+        beyond = (inputs > limits.upper + _EXCESS) | (inputs < limits.lower - _EXCESS)
+        beyond |= np.abs(np.diff(inputs, axis=0, prepend=inputs[:1])) > limits.step + _EXCESS
         self._commands = self._dead_times.commands if self._dead_times else np.zeros((0, 3))
         self._course = Course(
             state=grid.state,
             trailer_xy=grid.trailer_xy,
-            hp=np.ascontiguousarray(grid.inputs[:, Input.HP]),
-            beyond=np.array([float(bool(text)) for text in self._beyond_limits]),
+            inputs=inputs,
+            beyond=beyond,
             limits=np.stack([limits.lower, limits.upper, limits.step]),
             safety=np.array([getattr(self._safety, name) for name in SAFETY.fields or ()]),
             period_s=self._period_s,
@@ -264,7 +551,7 @@ class Supervisor:
             hold_back=self._dead_times.hold_back if self._dead_times else np.zeros((3, 2)),
         )
 
-    def exchange(self, controller: Controller, reference: Reference) -> None:
+    def exchange(self, controller: Controller | DeadTimeCompensation, reference: Reference) -> None:
         """Go on with another controller and a reference of the same path and speed.
 
         Only the vehicle of the reference may differ; the place on the path is kept.
@@ -274,8 +561,8 @@ class Supervisor:
 
     def prepare(self, k: int) -> None:
         """Let the controller prepare tick `k`, where it can, and fill the caches."""
-        if self._preparing:
-            self._preparing.prepare(k)
+        if isinstance(self._controller, Preparing):
+            self._controller.prepare(k)
         self.warm_up()
 
     def warm_up(self) -> None:
@@ -289,67 +576,43 @@ class Supervisor:
         """Whether the reference stays at the tick of the last step."""
         return bool(self.tick.view(TICK)[0]["waits"])
 
-    def step(
-        self, estimate: Estimate | None, k: int, time_s: float, alarms: Sequence[Alarm] = ()
-    ) -> ControlStep:
-        """Return the step of tick `k`, its command within the vehicle's limits.
-
-        Args:
-            estimate: of the vehicle at this tick, possibly old or not finite; None where there is
-                none since the last step.
-            k: control tick, counted from the start of the reference.
-            time_s: present time on the clock of `estimate.time_s` [s].
-            alarms: of the detectors at this tick.
-
-        Raises:
-            ControllerFailed: the controller raised, or returned neither a `Command` nor a
-                `ControlStep` with numbers and arrays of the documented shapes.
-        """
-        row = _NO_ESTIMATE if estimate is None else estimate_row(estimate)
-        rows = np.array([[alarm.reaction, 0.0, 0.0, 0.0] for alarm in alarms]).reshape(-1, ALARM)
-        command = self.drive(
-            None if estimate is None else row,
-            k,
-            time_s,
-            rows,
-            _Given(alarms),
-            None if estimate is None else lambda: estimate,
-        )
-        return ControlStep(Command(*command.tolist()), self.diagnostics())
-
     def drive(
         self,
         row: FloatArray | None,
         k: int,
         now: float,
         alarms: FloatArray,
-        reasons: Callable[[int, FloatArray], str],
-        view: Callable[[], Estimate] | None,
+        view: Callable[[], Estimate],
     ) -> FloatArray:
-        """Do `step` on flat arrays and return the command (3,); `tick` has the record of it.
+        """Return the command of a tick within the vehicle's limits, (3,); `tick` is its record.
 
         Args:
-            row: record `ESTIMATE`; None as of `step`.
-            k: as of `step`, with `now` its `time_s`.
-            alarms: rows (m, `ALARM`).
-            reasons: returns the words of an alarm from its row and its three numbers.
+            row: record `ESTIMATE`, possibly old or not finite; None where there is none since the
+                last step.
+            k: control tick, counted from the start of the reference.
+            now: present time on the clock of the estimate [s].
+            alarms: of the detectors, rows (m, `ALARM`).
             view: returns the estimate, for a controller that is not compiled.
+
+        Raises:
+            ControllerFailed: the controller raised, or returned neither a `Command` nor a
+                `ControlStep` with numbers and arrays of the documented shapes.
         """
         course, guard, tick = self._course, self._guard, self.tick
         fresh, estimate = row is not None, _NO_ESTIMATE if row is None else row
-        sample = min(k, len(course.hp) - 1)
+        sample = min(k, len(course.state) - 1)
         if self.space_based and np.isfinite(estimate[1:3]).all():
             sample = round(self._projection.place(*estimate[1:3].tolist()))
         mode = decide(sample, now, fresh, estimate, alarms, course, guard, tick)
-        self._told, self._sample, self._alarms, self._reasons = None, k, alarms, reasons
+        self._told, self._sample, self._alarms = None, k, alarms
         self._asked = self._law if mode in (DRIVE, ON_PATH) else None
         record = guard.view(GUARD)[0]
         held = int(record["held"])
         if held < 0:
             self._held = ""
         elif not self._held:
-            self._held = reasons(held, record["held_numbers"])
-        if mode in (DRIVE, ON_PATH) and view is not None:
+            self._held = self._reasons(held, record["held_numbers"])
+        if mode in (DRIVE, ON_PATH):
             self._ask(estimate, view, k)
         finish(self._law is not None, course, self._commands, guard, tick)
         return record["sent"].copy()
@@ -365,11 +628,10 @@ class Supervisor:
                 self._told = self._law.act(row, view, k, before.copy(), tick)
                 return
             answer: object = self._controller.step(view(), k)
-        step = _checked(answer, k)
-        self._told = step.diagnostics
-        write_told(step.diagnostics, tick)
+        command, self._told = _checked(answer, k)
+        write_told(self._told, tick)
         control = tick.view(TICK)[0]["control"]
-        control[:, 4], control[:, 7] = _numbers(step.command, k), step.diagnostics.limited
+        control[:, 4], control[:, 7] = command, self._told.limited
 
     @property
     def stopping(self) -> bool:
@@ -443,24 +705,17 @@ class Supervisor:
         cut = ", ".join(
             f"{_COMMAND[i]} {_CUTS[int(kind)]}" for i, kind in enumerate(t["cut"]) if kind
         )
+        over = [item.name.lower() for item in Input if self._course.beyond[int(t["sample"]), item]]
         notes = (
-            self._beyond_limits[int(t["sample"])],
+            f"reference asks for more {', '.join(over)} than the limits allow: driving at the limit"
+            if over
+            else "",
             f"error jumped by {jump:.1f} m: driving back" if jump else "",
             said or "; ".join(alarms),
             told,
             f"the controller's {cut}: cut" if cut else "",
         )
         return "; ".join(filter(None, notes))
-
-
-@dataclass(frozen=True, slots=True)
-class _Given:
-    """Words of alarms that were given as such."""
-
-    alarms: Sequence[Alarm]
-
-    def __call__(self, row: int, numbers: FloatArray) -> str:
-        return self.alarms[row].reason
 
 
 _NO_ESTIMATE: Final[FloatArray] = np.full(ESTIMATE.itemsize // 8, math.nan)

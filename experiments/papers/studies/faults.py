@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from ttempc.guidance.detection import Alarm, DetectorIndex, Reaction, detectors
+from ttempc.guidance.detection import Alarm, DetectorIndex, Monitors, Reaction
 from ttempc.types import FloatArray
 
 from ....testbed.recording.channels import STATE
@@ -212,7 +212,7 @@ _CALIBRATION_DRIVES: Final = 6  # of each scenario
 FALSE_ALARM_S: Final = 36_000.0  # at most one false alarm of all detectors in this time
 _BLOCK_S: Final = 10.0  # of the maxima
 _PER_S: Final = 5  # ticks
-_COUNT: Final = sum(item.index >= DetectorIndex.STEERING for item in detectors())
+_COUNT: Final = len(Monitors().detectors) - DetectorIndex.STEERING
 
 
 def residuals(case: Case) -> Row:
@@ -270,8 +270,8 @@ def limit_table(runs: pd.DataFrame) -> str:
         str(name): np.concatenate([*own]) for name, own in runs.groupby("scenario")["residuals"]
     }
     rows = []
-    for n, detector in enumerate(detectors()):
-        if detector.index < DetectorIndex.STEERING:
+    for n, detector in enumerate(Monitors().detectors):
+        if n < DetectorIndex.STEERING:
             continue
         columns = {name: values[:, n] for name, values in by_field.items()}
         limits = {

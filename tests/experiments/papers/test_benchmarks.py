@@ -18,23 +18,19 @@ def values(figures):
     return named
 
 
-def test_a_step_costs_more_with_the_solver_and_its_tail_more_than_its_median():
-    named = values(benchmarks.control_step(ticks=60, repeats=2))
-    assert named["`ttempc` step, QP without active bounds"] < named["`ttempc` step with PIQP"]
-    named = values(benchmarks.latency(ticks=60, repeats=1, pause_s=0.001))
-    for kind in benchmarks.KINDS:
-        quantiles = [named[f"{kind}, {name}"] for name in ("median", "p99", "p99.9", "max")]
+def test_the_tail_of_a_step_is_longer_than_its_median():
+    named = values(benchmarks.ticks(STRAIGHT))
+    for kind in benchmarks.PAUSES:
+        quantiles = [named[f"step, {kind}, {name}"] for name in ("median", "p99", "max")]
         assert quantiles == sorted(quantiles)
 
 
 def test_a_loop_costs_more_than_its_physics():
-    values(benchmarks.closed_loop(STRAIGHT))
     named = values(benchmarks.loop_ratio((2.0, 8.0), repeats=1, blocks=2))
     loop, logged = (named[f"loop {log} log / bare step"] for log in ("without", "with"))
     assert logged > loop > named["physics on soil / bare step"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("part", ["start-up", "sweep"])
 def test_other_parts(part):
     values(benchmarks.PARTS[part]())

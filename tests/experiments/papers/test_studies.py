@@ -125,14 +125,14 @@ def test_the_limit_of_a_sum_is_that_of_white_noise():
     """For a Gaussian mean of 5 ticks: theta = 2 k / sigma^2, as of a Brownian motion with drift."""
     rng = np.random.default_rng(1)
     values = rng.choice([-1.0, 1.0], 500_000) * (5.0 + rng.normal(0.0, 1.0, 500_000))
-    level = np.log(faults.FALSE_ALARM_S * len(faults.detectors()))
+    level = np.log(faults.FALSE_ALARM_S * faults._COUNT)
     assert faults.sum_limit(values, 5.5) == pytest.approx(level / (2.0 * 0.5), rel=0.05)
 
 
 def test_the_limit_of_maxima_is_that_of_a_gumbel_distribution():
     squares = np.random.default_rng(2).gumbel(10.0, 2.0, 20_000)
     values = np.sqrt(np.repeat(np.maximum(squares, 0.0), 50))
-    count = faults.FALSE_ALARM_S / 10.0 * len(faults.detectors())
+    count = faults.FALSE_ALARM_S / 10.0 * faults._COUNT
     expected = np.sqrt(10.0 + 2.0 * np.log(count))
     assert faults.maximum_limit(values) == pytest.approx(expected, rel=0.02)
 

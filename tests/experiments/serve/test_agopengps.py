@@ -8,7 +8,6 @@ import pytest
 from proving_ground.experiments.serve import agopengps as frames
 from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol
 from proving_ground.experiments.serve.link import Refused, TickData
-from proving_ground.testbed.geodesy import Datum
 
 from ttempc import Vehicle, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -100,7 +99,7 @@ def local_plane(latitude, longitude, origin):
 
 def test_samples_arrive_in_the_plane_of_agopengps():
     origin = (50.86, 4.68)
-    protocol = AgOpenGpsProtocol(Datum(*origin))
+    protocol = AgOpenGpsProtocol(origin)
     vector = np.zeros(7)
     vector[State.PSI_T] = math.radians(120.0)
     estimate = Estimate(1.0, vector, np.zeros((7, 7)), np.zeros(2), 0.0)

@@ -20,7 +20,7 @@ from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol
 from proving_ground.experiments.serve.json_protocol import JsonProtocol
 from proving_ground.experiments.serve.link import Link, Trouble
 from proving_ground.experiments.serve.session import RemoteController, Session, SessionSettings
-from proving_ground.testbed.geodesy import DATUM, east_north
+from proving_ground.testbed.geodesy import ORIGIN_DEG, east_north
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 
@@ -239,7 +239,7 @@ class AgOpenGps:
         if datagram[3] != 214:
             return []
         longitude, latitude, heading = struct.unpack_from("<ddf", datagram, 5)
-        east, north = east_north(latitude, longitude, (DATUM.latitude_deg, DATUM.longitude_deg))
+        east, north = east_north(latitude, longitude, ORIGIN_DEG)
         if self.start is None:
             self.start = east, north, math.radians(heading)
         x, y, course = self.start

@@ -48,7 +48,7 @@ def test_no_damage_is_silent_and_none_raises_more_than_one_line(short, tmp_path)
         file.write_bytes(data)
         try:
             content = read_content(file)
-            assert content.salvage is not None
+            assert content.salvage
             record_of(content)
             motion_of(content)
             lines_of(content, REFERENCE_PATH_TOPIC)
@@ -67,7 +67,7 @@ def test_messages_that_do_not_decode_are_refused_although_every_checksum_is_righ
             log.add(numbers[topic], np.zeros(1, int), np.full((1, 3), 0xFF, np.uint8))
             log.finish()
         evil = read_content(file)
-        assert evil.salvage is None
+        assert not evil.salvage
         with pytest.raises(LogError, match=topic):
             lines_of(evil, topic) if topic == REFERENCE_PATH_TOPIC else record_of(evil)
 

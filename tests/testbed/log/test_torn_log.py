@@ -61,7 +61,7 @@ def test_a_damaged_chunk_costs_no_other(logged, tmp_path):
     data[ends[1] - 1000] ^= 0xFF
     damaged.write_bytes(data)
     salvage = read_content(damaged).salvage
-    assert (salvage.chunks, salvage.left_out) == (len(ends) - 1, 1)
+    assert f"{len(ends) - 1} whole chunks, 1 left out" in salvage
     recovered = read_log(damaged)
     assert "1 left out" in recovered.metadata[SALVAGED_KEY]
     assert 0 < len(recovered[STATE]) < len(record[STATE])

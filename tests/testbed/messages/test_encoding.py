@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from proving_ground.testbed.geodesy import DATUM
+from proving_ground.testbed.geodesy import ORIGIN_DEG
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
 from proving_ground.testbed.messages.encoding import (
@@ -66,9 +66,9 @@ def test_a_fix_lies_where_the_ellipsoid_says():
     (data,) = encode_fixes("tractor", np.array([127 * 10**9 + 5]), np.array([[40.0, 30.0]]))
     fix = LocationFix.FromString(data.tobytes())
     assert (fix.frame_id, fix.timestamp.ToNanoseconds()) == ("tractor", 127 * 10**9 + 5)
-    north, east = fix.latitude - DATUM.latitude_deg, fix.longitude - DATUM.longitude_deg
+    north, east = fix.latitude - ORIGIN_DEG[0], fix.longitude - ORIGIN_DEG[1]
     # Length of a degree at 50.86 deg north: series of the WGS 84 ellipsoid (NIMA TR8350.2).
-    phi = math.radians(DATUM.latitude_deg)
+    phi = math.radians(ORIGIN_DEG[0])
     degree_north = 111132.954 - 559.822 * math.cos(2 * phi) + 1.175 * math.cos(4 * phi)
     degree_east = 111412.84 * math.cos(phi) - 93.5 * math.cos(3 * phi) + 0.118 * math.cos(5 * phi)
     assert north * degree_north == pytest.approx(30.0, abs=1e-3)

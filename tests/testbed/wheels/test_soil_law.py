@@ -50,6 +50,11 @@ def at(*values):
     return tuple(np.array([value]) for value in values)
 
 
+def side_ratio(law, m, angle, bn=1e3):
+    """Side force over load of a wheel without slip, by default on soil that bears any of it."""
+    return law.combined_ratios(*at(bn, m, 0.0, angle))[1][0]
+
+
 @pytest.mark.parametrize(("law", "bn", "slip", "expected"), GROSS_TRACTION)
 def test_gross_traction_ratio_is_the_printed_equation(law, bn, slip, expected):
     assert law.gross_traction_ratio(*at(bn, slip))[0] == pytest.approx(expected, abs=1e-6)
@@ -65,8 +70,8 @@ def test_motion_resistance_ratio_is_the_printed_equation(law, bn, slip, expected
 
 @pytest.mark.parametrize(("law", "m", "angle", "expected"), SIDE_FORCE)
 def test_side_force_ratio_is_the_printed_equation(law, m, angle, expected):
-    assert law.side_ratio(*at(m, angle))[0] == pytest.approx(-expected, abs=2e-6)
-    assert law.side_ratio(*at(m, -angle))[0] == pytest.approx(expected, abs=2e-6)
+    assert side_ratio(law, m, angle) == pytest.approx(-expected, abs=2e-6)
+    assert side_ratio(law, m, -angle) == pytest.approx(expected, abs=2e-6)
 
 
 def test_net_traction_of_a_driven_wheel_is_that_of_brixius():
@@ -79,11 +84,16 @@ def test_net_traction_of_a_driven_wheel_is_that_of_brixius():
 
 
 def test_side_force_is_limited_on_soft_soil_and_on_firm_ground():
-    """Mu at M = 1 would be 1.30, and is 0.88; the slope at M = 60 would be 7.62, and is 6."""
-    assert LAW.largest_side_ratio(np.array([1.0]))[0] == pytest.approx(0.88)
+    """Soil of Bn = 5 bears 0.88 (1 - e^-0.5) = 0.346253; the slope at M = 60 would be 7.62, is 6.
+
+    The softer the soil, the less it bears sideways: mu of [G] alone grows.
+    """
+    assert side_ratio(LAW, 2.2, 9.0, bn=5.0) == pytest.approx(-0.346253, abs=1e-6)
+    bn = np.linspace(0.5, 15.0, 30)
+    assert (np.diff(LAW.largest_side_ratio(bn, 0.43 * bn)) > 0.0).all()
     assert LAW.side_stiffness(np.array([60.0]))[0] == pytest.approx(6.0)
     angle = 1e-5
-    assert LAW.side_ratio(*at(60.0, angle))[0] == pytest.approx(-6.0 * angle, rel=1e-4)
+    assert side_ratio(LAW, 60.0, angle) == pytest.approx(-6.0 * angle, rel=1e-4)
 
 
 def test_mobility_numbers_are_the_printed_equations():
@@ -99,6 +109,7 @@ def test_mobility_numbers_are_the_printed_equations():
         relative_deflection=np.array([0.2]),
         rated_load=np.array([6000.0]),
         damping=np.array([0.0]),
+        radial=np.array([False]),
     )
     bn, m = tyre.mobility(LAW, tyres, *at(6000.0, 600.0))
     assert bn[0] == pytest.approx(41.142857, abs=1e-6)
@@ -130,6 +141,18 @@ def test_free_slip_of_the_vehicle_of_the_paper(cone_index, expected):
     vehicle = read_vehicle()
     slip = equilibrium_slip(LAW, tyres_of(vehicle), wheel_loads(vehicle), cone_index, 0.0)
     assert slip == pytest.approx(expected, rel=0.015)
+
+
+def test_radial_sizes_have_radial_coefficients_where_none_is_given():
+    """11.2R24 and 16.9R34 are radial, 400/60-15.5 is not; a value of one's own is for all."""
+    radial = tyres_of(read_vehicle("farm4500")).radial
+    np.testing.assert_array_equal(radial, [True] * 4 + [False] * 2)
+    law = SoilLaw(side=0.7).of(radial)
+    np.testing.assert_array_equal(law.traction_slip, [10.5] * 4 + [7.5] * 2)
+    assert law.side == 0.7
+    assert law.of(radial).table(6).tolist() == law.table(6).tolist()
+    assert SoilLaw(tyre="bias").of(radial).traction_slip == 7.5
+    assert not tyres_of(read_vehicle()).radial.any()
 
 
 def best_slip(bn):
@@ -169,7 +192,7 @@ def test_an_impossible_law_is_refused_in_one_line():
     for line in (
         "plant.wheel_law.traction=0.0",
         "plant.wheel_law.traction=nan",
-        "plant.wheel_law.relaxation_lat_m=0.0",
+        "plant.wheel_law.relaxation_lat_m=0.0001",
         "plant.wheel_law.damping_roll_s=0.5",
         "plant.wheels='rail'",
         "plant.wheel_law.tyre='solid'",

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from tests.ttempc.closed_loop import PERIOD_S, Supervised, drive, seen_truth
 from tests.ttempc.tubes import DESIGN
 from ttempc.baselines.paper import PaperOptions, paper_controller
 from ttempc.guidance.controllers import CONTROLLERS, make_controller
-from ttempc.guidance.supervisor import Supervisor
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.vehicle import Vehicle
@@ -26,7 +25,7 @@ def make(name):
 
 
 def supervised(name):
-    return Supervisor(make(name), REFERENCE, PERIOD_S)
+    return Supervised(make(name), REFERENCE, PERIOD_S)
 
 
 def paper(**options):

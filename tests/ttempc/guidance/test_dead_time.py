@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.ttempc.closed_loop import Supervised
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import DeadTimeCompensation, compensated, lead_s
+from ttempc.guidance.detection import Alarm, Reaction
+from ttempc.guidance.supervisor import SafetyLimits
 from ttempc.models.augmented_state import (
     SIZE,
     STATES,
@@ -41,8 +44,10 @@ def off_the_path():
     return augmented
 
 
-def loop(controller, vehicle, augmented, first, ticks, waiting):
+def loop(supervisor, vehicle, augmented, first, ticks, waiting, stopped=()):
     """Drive the filter's model from tick `first` on; `waiting` commands are under way.
+
+    At the ticks `stopped` there is an alarm: the hydrostat goes to 0, and the controller steers.
 
     Returns the augmented states at the ticks (ticks, 18) and the commands (ticks, 3).
     """
@@ -54,9 +59,8 @@ def loop(controller, vehicle, augmented, first, ticks, waiting):
     for k in range(first, first + ticks):
         states.append(augmented.copy())
         estimate = estimate_of(augmented, np.zeros((SIZE, SIZE)), k * PERIOD_S, vehicle, ())
-        step = controller.step(estimate, k)
-        command = step if isinstance(step, Command) else step.command
-        commands.append(command.as_array())
+        alarms = [Alarm("given", "given", Reaction.STOP_ON_PATH)] if k - first in stopped else []
+        commands.append(supervisor.step(estimate, k, alarms=alarms).command.as_array())
         for _ in range(round(PERIOD_S / SUBSTEP_S)):
             sent = np.vstack([sent, commands[-1]])
             acting = np.array([sent[-1 - delay, j] for j, delay in enumerate(delays)])
@@ -83,11 +87,12 @@ def test_the_loop_is_that_without_dead_times_once_the_commands_under_way_have_ac
         lambda model, ahead: make_controller(name, model, ahead, PERIOD_S), reference, PERIOD_S
     )
     start = reference.at(0.0).inputs
-    states, commands = loop(controller, vehicle, off_the_path(), first, 40, np.tile(start, (5, 1)))
+    supervisor = Supervised(controller, reference, PERIOD_S)
+    states, commands = loop(supervisor, vehicle, off_the_path(), first, 40, np.tile(start, (5, 1)))
     ahead = replace(reference_of(PROMPT), lead_s=0.4)
     same = make_controller(name, PROMPT, ahead, PERIOD_S)
     expected_states, expected = loop(
-        same, PROMPT, states[lead], first, 40 - lead, np.tile(start, (1, 1))
+        Supervised(same, ahead, PERIOD_S), PROMPT, states[lead], first, 40 - lead, start[None]
     )
     np.testing.assert_allclose(states[lead:], expected_states, atol=1e-9)
     for j, dead_time in enumerate(dead_times):  # a shorter dead time: sent that much later
@@ -97,8 +102,17 @@ def test_the_loop_is_that_without_dead_times_once_the_commands_under_way_have_ac
         )
 
 
-@pytest.mark.parametrize("dead_times", [(0.4, 0.4, 0.4), (0.2, 0.8, 0.0), (0.0, 0.4, 0.6)])
-def test_the_controller_gets_the_state_at_which_its_command_acts(dead_times):
+@pytest.mark.parametrize(
+    ("dead_times", "stopped"),
+    [
+        ((0.4, 0.4, 0.4), ()),
+        ((0.2, 0.8, 0.0), ()),
+        ((0.0, 0.4, 0.6), ()),
+        ((0.4, 0.4, 0.4), range(12, 20)),
+    ],
+)
+def test_the_controller_gets_the_state_at_which_its_command_acts(dead_times, stopped):
+    """Also where another than its command was sent."""
     vehicle = replace(PROMPT, **dict(zip(NAMES, dead_times, strict=True)))
     reference = reference_of(vehicle)
     generator, estimates, command = np.random.default_rng(3), [], np.array([0.0, 0.0, 0.7])
@@ -112,37 +126,11 @@ def test_the_controller_gets_the_state_at_which_its_command_acts(dead_times):
             return Command(*command.tolist())
 
     controller = DeadTimeCompensation(Recorder(), reference, PERIOD_S)
+    far = SafetyLimits(cross_m=1e9, distance_m=1e9, yaw=1e9, jump_m=1e9)
+    supervisor = Supervised(controller, reference, PERIOD_S, far)
     start = reference.at(0.0).inputs
-    states, _ = loop(controller, vehicle, off_the_path(), 60, 30, np.tile(start, (6, 1)))
+    states, _ = loop(supervisor, vehicle, off_the_path(), 60, 30, np.tile(start, (6, 1)), stopped)
     lead = round(lead_s(vehicle) / PERIOD_S)
     for k in range(30 - lead):
         actual = estimate_of(states[k + lead], np.zeros((SIZE, SIZE)), 0.0, vehicle, ())
         np.testing.assert_allclose(estimates[k].state, actual.state, atol=1e-9)
-
-
-def test_a_command_of_another_takes_the_place_of_the_controllers_own():
-    vehicle = replace(PROMPT, dead_time_t=0.4, dead_time_i=0.4, dead_time_hp=0.4)
-    reference = reference_of(vehicle)
-    estimate = estimate_of(off_the_path(), np.zeros((SIZE, SIZE)), 0.0, vehicle, ())
-
-    class Recorder:
-        def __init__(self):
-            self.estimates = []
-
-        def step(self, estimate, k):
-            self.estimates.append(estimate)
-            return Command(0.1, -0.1, 0.5)
-
-    def predicted(stop_asked, stop):
-        recorder = Recorder()
-        controller = DeadTimeCompensation(recorder, reference, PERIOD_S)
-        for k in range(4):
-            if k < 3 and stop and not stop_asked:
-                controller.record(Command(0.0, 0.0, 0.0))
-                continue
-            step = controller.step(estimate, k)
-            controller.record(Command(0.0, 0.0, 0.0) if stop and k < 3 else step.command)
-        return recorder.estimates[-1].state
-
-    np.testing.assert_array_equal(predicted(True, True), predicted(False, True))
-    assert predicted(True, True)[State.V] < predicted(True, False)[State.V] - 0.05

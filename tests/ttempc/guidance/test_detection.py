@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.ttempc.sensed_drive import SensedDrive
-from ttempc.errors import InvalidTuning
 from ttempc.guidance.detection import (
+    MONITORS,
     Alarm,
     Detector,
     DetectorIndex,
@@ -16,10 +16,8 @@ from ttempc.guidance.detection import (
     Observation,
     Reaction,
     _median,
-    detectors,
 )
 from ttempc.layout import innovation_rows, measurements_of, sample_rows
-from ttempc.models.augmented_state import SensorIndex
 from ttempc.types import Command, Estimate, Innovation, Measurement, Sensor
 from ttempc.vehicle import Vehicle
 
@@ -48,13 +46,13 @@ class Watched(Monitors):
     """All built-in detectors, of which one is looked at."""
 
     def __init__(self, index):
-        super().__init__(detectors())
-        self.one = self.detectors[index]
+        super().__init__()
+        self.name, self.index = self.detectors[index].name, index
 
     def alarm(self, *given, **named):
         """Return the alarm of that one after the data of a tick, None if there is none."""
         alarms = observed(self, observation(*given, **named))
-        return next((alarm for alarm in alarms if alarm.detector == self.one.name), None)
+        return next((alarm for alarm in alarms if alarm.detector == self.name), None)
 
 
 def angles(k, value, rng, sd_deg=1.0, sensor=Sensor.STEERING_TRACTOR):
@@ -81,40 +79,23 @@ class Given(Detector):
 
 
 def test_an_alarm_lasts_until_half_the_limit():
-    monitors = Monitors([Given([3.9, 4.1, 5.0, 2.1, 1.9, 3.9])])
+    monitors = Monitors([Given([3.9, 4.1, 5.0, 2.1, 1.9, 3.9])], built_in=False)
     alarms = [observed(monitors, observation(k)) for k in range(6)]
     assert [len(item) for item in alarms] == [0, 1, 1, 1, 0, 0]
     assert alarms[3][0].reason == "4.1"
 
 
-def test_a_detector_of_ones_own_before_and_after_the_built_in_ones():
-    """Each sees the samples that no alarm of those before it rules out."""
-    rng = np.random.default_rng(8)
-    before = Given([0.0] * 20 + [5.0] * 2, [Sensor.ENCODER])
-    after = Given([0.0] * 22, name="after")
-    monitors = Monitors([before, *detectors(), after])
+def test_a_detector_of_ones_own_sees_what_no_alarm_of_a_built_in_one_rules_out():
+    rng, own = np.random.default_rng(8), Given([0.0] * 20 + [5.0] * 2, [Sensor.ENCODER])
+    monitors = Monitors([own])
     for k in range(20):
         observed(monitors, observation(k, readings(k, rng.normal(0.0, 0.01, 5))))
     stuck = [*readings(20, [0.1] * 5), *readings(20, [1.0, 1.1], Sensor.ENCODER)]
-    assert [alarm.unused for alarm in observed(monitors, observation(20, stuck))] == [
-        {Sensor.ENCODER},
-        {Sensor.HITCH},
-    ]
-    assert len(before.seen[-1]) == 7
-    assert not after.seen[-1]
+    alarms = observed(monitors, observation(20, stuck))
+    assert [alarm.unused for alarm in alarms] == [{Sensor.HITCH}, {Sensor.ENCODER}]
+    assert [sample.sensor for sample in own.seen[-1]] == [Sensor.ENCODER] * 2
     assert not len(monitors.usable(sample_rows(stuck)))
     assert len(observed(monitors, observation(21, readings(21, [0.2])))) == 1
-
-
-def test_some_of_the_built_in_detectors_are_those_of_one_call():
-    rng, views = np.random.default_rng(8), detectors()
-    monitors = Monitors(views[DetectorIndex.STEERING :])
-    for k in range(20):
-        fresh = readings(k, rng.normal(0.0, 0.01, 5))
-        assert not observed(monitors, observation(k, fresh if k < 15 else readings(k, [0.1] * 5)))
-    assert 2.5 < views[SensorIndex.HITCH].statistic < views[SensorIndex.HITCH].limit
-    with pytest.raises(InvalidTuning, match="detectors"):
-        Monitors([views[0], detectors()[1]])
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 10, 15, 21])
@@ -131,7 +112,7 @@ def test_the_statistic_of_consistent_innovations_is_standard_normal():
     for k in range(40_000):
         square = float(rng.chisquare(2))
         monitor.alarm(k, innovations=[Innovation(Sensor.GNSS_TRACTOR, square, 2)])
-        values.append(monitor.one.statistic)
+        values.append(monitor.record.view(MONITORS)["statistic"][0, monitor.index])
     for level, share in ((1.0, 0.1587), (2.0, 0.02275), (3.0, 0.00135)):
         assert np.mean(np.array(values[5:]) > level) == pytest.approx(share, rel=0.25, abs=4e-4)
 
@@ -172,7 +153,6 @@ def test_wheels_against_gnss(encoder, ground_mps, planned, reaction):
         alarm = monitor.alarm(k, samples, command)
         if first is None and alarm is not None:
             first = k, "no encoder" if alarm.unused == {Sensor.ENCODER} else alarm.reaction
-            assert monitor.one.alarm() == alarm
     assert (first and first[1]) == reaction
     assert first is None or first[0] <= 20 + round(2.0 / PERIOD_S)
 
@@ -188,7 +168,7 @@ def test_a_vehicle_that_does_not_obey_its_hydrostat():
 
 
 def test_a_drive_without_faults_is_silent():
-    monitors = Monitors(detectors())
+    monitors = Monitors()
     drive = SensedDrive(seed=4)
     drive.run(250)
     for k, ((samples, command), estimate) in enumerate(
@@ -205,7 +185,7 @@ def readings(k, values, sensor=Sensor.HITCH):
 
 def test_a_sensor_that_repeats_itself_is_not_used_until_it_changes():
     """Three repetitions in succession; duplicates under one stamp are none."""
-    rng, monitors = np.random.default_rng(8), Monitors(detectors())
+    rng, monitors = np.random.default_rng(8), Monitors()
     for k in range(20):
         samples = readings(k, rng.normal(0.0, 0.01, 5))
         assert not observed(monitors, observation(k, [*samples, *samples]))
@@ -278,7 +258,7 @@ def test_a_stuck_valve_is_noticed_within_a_second_of_a_command_that_leaves_it():
 
 
 def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
-    rng, monitors = np.random.default_rng(1), Monitors(detectors())
+    rng, monitors = np.random.default_rng(1), Monitors()
     follows, standstill = (
         monitors.detectors[n].name for n in (DetectorIndex.STEERING, DetectorIndex.STANDSTILL)
     )

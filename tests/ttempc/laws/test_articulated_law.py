@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.ttempc.closed_loop import PERIOD_S, drive
+from tests.ttempc.closed_loop import PERIOD_S, Supervised, drive
 from tests.ttempc.exact_qp import residuals
 from tests.ttempc.tubes import DESIGN, REFERENCE, VEHICLE
 from ttempc.guidance.controllers import make_controller
-from ttempc.guidance.supervisor import Supervisor
 from ttempc.layout import TICK
 from ttempc.mpc.lmpc import LinearMpc
 from ttempc.reference.corridor import Corridor
@@ -59,7 +58,7 @@ def test_active_sets_and_the_solver_agree_on_the_problems_of_a_drive(noise, leas
 
 @pytest.mark.parametrize("name", ["ttempc", "ttempc-nominal", "ttempc-tube"])
 def test_copies_of_a_supervised_law_go_on_alike(name):
-    original = Supervisor(
+    original = Supervised(
         make_controller(name, VEHICLE, REFERENCE, PERIOD_S, DESIGN), REFERENCE, PERIOD_S
     )
 
@@ -82,7 +81,7 @@ def test_copies_of_a_supervised_law_go_on_alike(name):
 
 def test_a_law_goes_on_from_a_saved_state_and_the_record_has_the_command():
     law, other = (make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN) for _ in range(2))
-    supervisors = [Supervisor(each, REFERENCE, PERIOD_S) for each in (law, other)]
+    supervisors = [Supervised(each, REFERENCE, PERIOD_S) for each in (law, other)]
 
     class Restored:
         def step(self, estimate, k):

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from tests.reference.models.kinematics import advance
-from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from tests.ttempc.closed_loop import PERIOD_S, Supervised, drive, seen_truth
 from ttempc.guidance.controllers import make_controller
-from ttempc.guidance.supervisor import Supervisor
 from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import corridor_bounds, error_dynamics
 from ttempc.reference.corridor import Corridor
@@ -156,7 +155,7 @@ def test_a_tractor_that_may_stray_is_kept_in_the_corridor_where_it_holds():
 def test_half_speed_and_a_reason_while_the_corridor_cannot_be_kept():
     along = replace(LINE, corridor=Corridor(0.05))
     controller = make_controller("ttempc", VEHICLE, along, PERIOD_S)
-    supervisor = Supervisor(controller, along, PERIOD_S)
+    supervisor = Supervised(controller, along, PERIOD_S)
     nominal_hp = LINE.at(0.0).inputs[Input.HP]
     moving = LINE.at(0.0).state
     for k in range(60):
