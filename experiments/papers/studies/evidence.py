@@ -32,7 +32,7 @@ from ....testbed.recording.channels import ESTIMATE, MEASUREMENT, REFERENCE, STA
 from ....testbed.recording.record import Record
 from ....testbed.truth import WHEELS
 from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, column, drive, steps
-from ....testbed.validation.check import Check, between, number
+from ....testbed.validation.check import between, number
 from ....testbed.validation.validate import validate
 from ....testbed.vehicle.servos import tyres_of
 from ....testbed.vehicle.vehicle import find_vehicle, read_vehicle
@@ -175,7 +175,7 @@ class Machine:
 
 @contextmanager
 def scaled(names: Sequence[str], factor: float) -> Iterator[None]:
-    """Let every tyre have coefficients of its own kind's law times a factor, until the block ends."""
+    """Let tyres of either kind have coefficients of their law times a factor in the block."""
     kept = SoilLaw.of
 
     def of(self: SoilLaw, radial: np.ndarray) -> SoilLaw:
@@ -227,28 +227,17 @@ def combined_slip(machine: Machine) -> list[float]:
 
 def best_slip(machine: Machine) -> list[float]:
     """Return the slip at best tractive efficiency on the four surfaces of the source [%]."""
-    checks = [_efficiency(machine.bench(), bn)[1] for bn in SOILS.values()]
-    return [check.figure or math.nan for check in checks]
+    return [_best_slip(machine.bench(), bn) for bn in SOILS.values()]
 
 
-def second_pass(machine: Machine) -> list[float]:
-    """Return the gain of best tractive efficiency of wheels that run in a rut [%]."""
-    rut = replace(machine.bench(), wheel_law=SoilLaw(**{**machine.law, "second_pass": True}))
-    best = []
-    for each in (machine.bench(), rut):
-        chart = _efficiency(each, SOILS["tilled"])[0].chart
-        assert chart is not None
-        best.append(float(chart.lines[0].y.max()))
-    return [100.0 * (best[1] / best[0] - 1.0)]
-
-
-def _efficiency(bench: Bench, bn: float) -> list[Check]:
-    """Return the checks of tractive efficiency on soil of a mobility number of driven wheels."""
+def _best_slip(bench: Bench, bn: float) -> float:
+    """Return it on soil of a mobility number of the driven wheels [%]."""
     plant = bench.plant(flat((20.0, 10.0)))
     load_n = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
     per_kpa = tyre.mobility(bench.wheel_law, plant.tyres, load_n, np.ones(len(WHEELS)))[0]
     soil = replace(bench.soil, background=bn / float(per_kpa[DRIVEN].mean()))
-    return [*validate(replace(bench, soil=soil), ("tractive efficiency",))]
+    _, check = validate(replace(bench, soil=soil), ("tractive efficiency",))
+    return check.figure or math.nan
 
 
 # Handling and ride on a firm, level plane.
@@ -305,8 +294,8 @@ def ride(machine: Machine) -> list[float]:
         plant.data.qvel[dof] += 0.1
         mujoco.mj_step1(plant.model, plant.data)
         moved = column(drive(plant, bench.command(1.0), 4.0, 0.01), f"tractor.{name}")
-        speed = np.gradient(moved - moved[-100:].mean())
-        spectrum = np.abs(np.fft.rfft(speed, 2**14))
+        acceleration = np.gradient(np.gradient(moved))  # as vibrations are measured
+        spectrum = np.abs(np.fft.rfft(acceleration[2:], 2**14))
         figures.append(float(spectrum.argmax()) / (2**14 * 0.01))
     return figures
 
@@ -448,22 +437,6 @@ def _received(record: Record) -> FloatArray:
     return y[taken >= START_UP_S] - record[REFERENCE]["y_t_m"][-1]
 
 
-def steered_joint(machine: Machine) -> list[float]:
-    """Return the lateral error of a steered joint at 12 km/h, on passes and on curves [cm]."""
-    speed = round(12.0 / 3.6, 3)
-    places = [[straight_pass(speed, seed, machine.changes(tool=False)) for seed in SEEDS]]
-    eight = (f"path.speed_mps={speed}", *gear(speed), 'sensors.preset="field"')
-    for name in ("ttempc", "pid"):
-        _, scenario = load("farm", (*eight, f'controller.name="{name}"'))
-        places.append([simulate("farm", scenario, seed) for seed in SEEDS])
-    figures = []
-    for driven in places:
-        errors = np.abs(np.concatenate([cross_error(record, "trailer") for _, record in driven]))
-        lost = any(run.failure for run, _ in driven)
-        figures.append(math.nan if lost else 100.0 * float(np.percentile(errors, 95.0)))
-    return figures
-
-
 Experiment = Callable[[Machine], list[float]]
 
 EXPERIMENTS: Final[Mapping[str, Experiment]] = {
@@ -479,14 +452,10 @@ EXPERIMENTS: Final[Mapping[str, Experiment]] = {
         implement_steering,
         pass_to_pass,
         rows,
-        second_pass,
         slow_implement_steering,
-        steered_joint,
     )
 }
 """By the name of their table, in the order of the page."""
-
-_NOT_COUNTED: Final = ("second_pass", "slow_implement_steering", "steered_joint")
 
 
 def measure(task: tuple[str, Machine]) -> list[Evidence]:
@@ -504,73 +473,82 @@ def measure(task: tuple[str, Machine]) -> list[Evidence]:
 
 
 def _page(runner: Runner) -> str:
-    tasks = [(name, Machine()) for name in EXPERIMENTS]
-    items = [item for found in runner.map(measure, tasks) for item in found]
-    counted = [name for name in EXPERIMENTS if name not in _NOT_COUNTED]
-    names = [f"{part}.{name}" for part, own in _content()["constants"].items() for name in own]
+    """Measure all, and again with wrong constants the experiments that have a row inside."""
+    own = runner.map(measure, [(name, Machine()) for name in EXPERIMENTS])
+    names = [f"{part}.{name}" for part, of in _content()["constants"].items() for name in of]
     wrong = [Machine(name, factor) for name in names for factor in WRONG]
-    found = runner.map(measure, [(name, machine) for machine in wrong for name in counted])
-    mutated = {}
-    for k, machine in enumerate(wrong):
-        mine = found[k * len(counted) : (k + 1) * len(counted)]
-        mutated[machine] = [item for group in mine for item in group if item.kind == "two-sided"]
-    return page(items, mutated)
+    tasks = [
+        (name, machine)
+        for name, items in zip(EXPERIMENTS, own, strict=True)
+        if any(item.inside and item.kind == "two-sided" for item in items)
+        for machine in wrong
+    ]
+    found = dict(zip(tasks, runner.map(measure, tasks), strict=True))
+    out = {
+        machine: [
+            was.name
+            for name, items in zip(EXPERIMENTS, own, strict=True)
+            for was, now in zip(items, found.get((name, machine), items), strict=True)
+            if was.inside and not now.inside and was.kind == "two-sided"
+        ]
+        for machine in wrong
+    }
+    return page([item for items in own for item in items], out)
 
 
-def page(items: Sequence[Evidence], mutated: Mapping[Machine, Sequence[Evidence]]) -> str:
+def page(items: Sequence[Evidence], out: Mapping[Machine, Sequence[str]]) -> str:
     """Return the page: counted rows, what turns them out, the other rows, how all were made.
 
     Args:
         items: all rows, of the machine as it ships.
-        mutated: the two-sided rows again, for each machine with one constant wrong.
+        out: names of the counted rows that each machine with a wrong constant turns out.
     """
     two_sided = [item for item in items if item.kind == "two-sided"]
     one_sided = [item for item in items if item.kind == "one-sided"]
-    out = {
-        machine: [k for k, (was, now) in enumerate(zip(two_sided, of, strict=True), 1)
-                  if was.inside and not now.inside]
-        for machine, of in mutated.items()
-    }  # fmt: skip
-    names = {machine: _signed(machine) for machine in mutated}
-    fail = [", ".join(names[machine] for machine, rows in out.items() if k in rows)
-            for k in range(1, len(two_sided) + 1)]  # fmt: skip
-    held, at_work = [item for item in two_sided if item.inside], [i for i in two_sided if i.at_work]
-    constants = dict.fromkeys(machine.constant for machine in mutated)
-    most = {
-        name: max(len(rows) for machine, rows in out.items() if machine.constant == name)
-        for name in constants
+    place = {item.name: k for k, item in enumerate(two_sided, 1)}
+    fail = {
+        name: ", ".join(_signed(machine) for machine, rows in out.items() if name in rows)
+        or ("no constant" if two_sided[place[name] - 1].inside else "outside")
+        for name in place
     }
+    most: dict[str, list[Sequence[str]]] = {}
+    for machine, rows in out.items():
+        most.setdefault(machine.constant, []).append(rows)
+    largest = [max(map(len, both)) for both in most.values()]
+    at_work = [item for item in two_sided if item.at_work]
     heads = ["", "figure", "published", "band", "ours", "verdict"]
-    lines = [
-        [f"`{name}`", *(", ".join(map(str, rows)) or "none"
-                        for machine, rows in out.items() if machine.constant == name)]
-        for name in constants
-    ]  # fmt: skip
-    sources = len({item.source for item in two_sided})
     return "\n\n".join(
         [
-            f"{len(held)} of {len(two_sided)} two-sided figures from {sources} sources are inside "
-            f"their bands, {sum(item.inside for item in at_work)} of {len(at_work)} of machines at "
-            f"work; {sum(map(bool, fail))} could fail: one constant wrong by 30 % turns them out.",
+            f"{_held(two_sided)} two-sided figures from "
+            f"{len({item.source for item in two_sided})} sources are inside their bands, "
+            f"{_held(at_work)} of machines at work. Could fail: the constants of the plant that "
+            "turn the row out when 30 % too large (+) or too small (−).",
             markdown(
                 [*heads, "could fail"],
+                [[str(place[item.name]), *item.cells, fail[item.name]] for item in two_sided],
+            ),
+            f"Of {len(most)} main constants, wrong by 30 %, "
+            f"{sum(count >= 3 for count in largest)} turn at least three rows out, "
+            f"{sum(0 < count < 3 for count in largest)} one or two, {largest.count(0)} none:",
+            markdown(
+                ["constant", "− 30 %", "+ 30 %"],
                 [
-                    [str(k), *item.cells, cause or ("no constant" if item.inside else "outside")]
-                    for k, (item, cause) in enumerate(zip(two_sided, fail, strict=True), 1)
+                    [f"`{name}`", *(", ".join(str(place[k]) for k in rows) or "–" for rows in both)]
+                    for name, both in most.items()
                 ],
             ),
-            "Rows inside that go outside when one constant of the plant is wrong by 30 %: "
-            f"{sum(count >= 3 for count in most.values())} of {len(most)} constants turn at least "
-            f"three rows out, {sum(count == 0 for count in most.values())} none.",
-            markdown(["constant", "− 30 %", "+ 30 %"], lines),
-            "One-sided, not counted: a kinder plant passes better.",
+            "One-sided, not counted, a kinder plant passes better:",
             markdown(heads, [[f"a{k}", *item.cells] for k, item in enumerate(one_sided, 1)]),
-            "By construction, not counted:",
-            "\n".join(f"- {text}" for text in _content()["by_construction"]["rows"]),
+            *("\n".join([f"{head}\n", *(f"- {text}" for text in texts)])
+              for head, texts in _content()["not_measured"].items()),
             *_notes(two_sided, ""),
             *_notes(one_sided, "a"),
         ]
-    )
+    )  # fmt: skip
+
+
+def _held(items: Sequence[Evidence]) -> str:
+    return f"{sum(item.inside for item in items)} of {len(items)}"
 
 
 def _signed(machine: Machine) -> str:
