@@ -166,9 +166,9 @@ class Machine:
             'sensors.preset="field"',
         )
 
-    def bench(self, **law: float) -> Bench:
-        """Return the machine on firm, level ground, with coefficients of its wheel law changed."""
-        soil = SoilLaw(**{**self.law, **law})
+    def bench(self) -> Bench:
+        """Return the machine on firm, level ground."""
+        soil = replace(SoilLaw(), **self.law)
         vehicle = read_vehicle(self.file)
         return Bench(vehicle, flat((300.0, 60.0)), SoilMap(FIRM_KPA), wheel_law=soil)
 
@@ -292,7 +292,7 @@ def ride(machine: Machine) -> list[float]:
         plant = bench.plant(flat((30.0, 20.0)))
         plant.reset(0.0, 0.0, 0.0, 1.0)
         plant.data.qvel[dof] += 0.1
-        mujoco.mj_step1(plant.model, plant.data)
+        mujoco.mj_step1(plant.model, plant.data)  # pyright: ignore[reportAttributeAccessIssue]
         moved = column(drive(plant, bench.command(1.0), 4.0, 0.01), f"tractor.{name}")
         acceleration = np.gradient(np.gradient(moved))  # as vibrations are measured
         spectrum = np.abs(np.fft.rfft(acceleration[2:], 2**14))
@@ -472,79 +472,72 @@ def measure(task: tuple[str, Machine]) -> list[Evidence]:
         return beside(name, [math.nan] * len(_content()[name]["figures"]))
 
 
-def _page(runner: Runner) -> str:
-    """Measure all, and again with wrong constants the experiments that have a row inside."""
-    own = runner.map(measure, [(name, Machine()) for name in EXPERIMENTS])
+def _own(runner: Runner) -> list[Evidence]:
+    found = runner.map(measure, [(name, Machine()) for name in EXPERIMENTS])
+    return [item for items in found for item in items]
+
+
+def _mutations(runner: Runner) -> str:
+    """Return the counted rows that each wrong constant turns out; it takes long."""
+    own = {item.name: item for item in _own(runner) if item.inside and item.kind == "two-sided"}
     names = [f"{part}.{name}" for part, of in _content()["constants"].items() for name in of]
     wrong = [Machine(name, factor) for name in names for factor in WRONG]
-    tasks = [
-        (name, machine)
-        for name, items in zip(EXPERIMENTS, own, strict=True)
-        if any(item.inside and item.kind == "two-sided" for item in items)
-        for machine in wrong
+    used = [
+        name
+        for name in EXPERIMENTS
+        if own.keys() & {row["name"] for row in _content()[name]["figures"]}
     ]
-    found = dict(zip(tasks, runner.map(measure, tasks), strict=True))
-    out = {
-        machine: [
-            was.name
-            for name, items in zip(EXPERIMENTS, own, strict=True)
-            for was, now in zip(items, found.get((name, machine), items), strict=True)
-            if was.inside and not now.inside and was.kind == "two-sided"
-        ]
-        for machine in wrong
-    }
-    return page([item for items in own for item in items], out)
+    tasks = [(name, machine) for name in used for machine in wrong]
+    out: dict[Machine, list[str]] = {machine: [] for machine in wrong}
+    for (_, machine), items in zip(tasks, runner.map(measure, tasks), strict=True):
+        out[machine] += [item.name for item in items if item.name in own and not item.inside]
+    return mutation_table([*own], out)
 
 
-def page(items: Sequence[Evidence], out: Mapping[Machine, Sequence[str]]) -> str:
-    """Return the page: counted rows, what turns them out, the other rows, how all were made.
+def mutation_table(inside: Sequence[str], out: Mapping[Machine, Sequence[str]]) -> str:
+    """Return what could turn each row out, and what each constant turns out.
 
     Args:
-        items: all rows, of the machine as it ships.
-        out: names of the counted rows that each machine with a wrong constant turns out.
+        inside: names of the counted rows that are inside their bands.
+        out: names of those that each machine with a wrong constant turns out.
     """
-    two_sided = [item for item in items if item.kind == "two-sided"]
-    one_sided = [item for item in items if item.kind == "one-sided"]
-    place = {item.name: k for k, item in enumerate(two_sided, 1)}
-    fail = {
-        name: ", ".join(_signed(machine) for machine, rows in out.items() if name in rows)
-        or ("no constant" if two_sided[place[name] - 1].inside else "outside")
-        for name in place
-    }
     most: dict[str, list[Sequence[str]]] = {}
     for machine, rows in out.items():
         most.setdefault(machine.constant, []).append(rows)
     largest = [max(map(len, both)) for both in most.values()]
-    at_work = [item for item in two_sided if item.at_work]
+    fail = [", ".join(_signed(each) for each, rows in out.items() if row in rows) for row in inside]
+    return "\n\n".join(
+        [
+            markdown(
+                ["row inside its band", "could fail: constants 30 % too large (+) or small (−)"],
+                [[row, cause or "no constant"] for row, cause in zip(inside, fail, strict=True)],
+            ),
+            f"Of {len(most)} main constants, wrong by 30 %, "
+            f"{sum(count >= 3 for count in largest)} turn at least three rows out, "
+            f"{sum(0 < count < 3 for count in largest)} one or two, {largest.count(0)} none.",
+        ]
+    )
+
+
+def page(items: Sequence[Evidence]) -> str:
+    """Return the page: counted rows, the other rows, how all were made."""
+    two_sided = [item for item in items if item.kind == "two-sided"]
+    one_sided = [item for item in items if item.kind == "one-sided"]
     heads = ["", "figure", "published", "band", "ours", "verdict"]
+    lists = _content()["not_measured"].items()
     return "\n\n".join(
         [
             f"{_held(two_sided)} two-sided figures from "
             f"{len({item.source for item in two_sided})} sources are inside their bands, "
-            f"{_held(at_work)} of machines at work. Could fail: the constants of the plant that "
-            "turn the row out when 30 % too large (+) or too small (−).",
-            markdown(
-                [*heads, "could fail"],
-                [[str(place[item.name]), *item.cells, fail[item.name]] for item in two_sided],
-            ),
-            f"Of {len(most)} main constants, wrong by 30 %, "
-            f"{sum(count >= 3 for count in largest)} turn at least three rows out, "
-            f"{sum(0 < count < 3 for count in largest)} one or two, {largest.count(0)} none:",
-            markdown(
-                ["constant", "− 30 %", "+ 30 %"],
-                [
-                    [f"`{name}`", *(", ".join(str(place[k]) for k in rows) or "–" for rows in both)]
-                    for name, both in most.items()
-                ],
-            ),
+            f"{_held([item for item in two_sided if item.at_work])} of machines at work.",
+            markdown(heads, [[str(k), *item.cells] for k, item in enumerate(two_sided, 1)]),
             "One-sided, not counted, a kinder plant passes better:",
             markdown(heads, [[f"a{k}", *item.cells] for k, item in enumerate(one_sided, 1)]),
-            *("\n".join([f"{head}\n", *(f"- {text}" for text in texts)])
-              for head, texts in _content()["not_measured"].items()),
+            *("\n".join([f"{head}\n", *(f"- {text}" for text in texts)]) for head, texts in lists),
             *_notes(two_sided, ""),
             *_notes(one_sided, "a"),
         ]
-    )  # fmt: skip
+    )
 
 
 def _held(items: Sequence[Evidence]) -> str:
@@ -573,10 +566,8 @@ def _notes(items: Sequence[Evidence], letter: str) -> list[str]:
     return notes
 
 
+_CHECKS: Final = (("farm", "ttempc"), ("cultivate", "ttempc"), ("grass", "ttempc"))
 STUDIES: Final = (
-    Study(
-        name="evidence",
-        make=_page,
-        checks=(("farm", "ttempc"), ("cultivate", "ttempc"), ("grass", "ttempc")),
-    ),
+    Study(name="evidence", make=lambda runner: page(_own(runner)), checks=_CHECKS),
+    Study(name="evidence-mutations", make=_mutations, checks=_CHECKS),
 )
