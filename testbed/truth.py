@@ -114,9 +114,5 @@ class Moments(NamedTuple):
             wheels=Wheels(*row[TYRE_COLUMNS].reshape(len(WHEELS), -1).T),
             body_xyz=bodies[:, :3],
             body_quat=bodies[:, 3:],
-            tool=_tool(tool) if len(tool) else None,
+            tool=Tool(*tool[:6].tolist(), *tool[6:].reshape(3, -1)) if len(tool) else None,
         )
-
-
-def _tool(row: FloatArray) -> Tool:
-    return Tool(*row[:TOOL_SIZE].tolist(), *row[TOOL_SIZE:].reshape(3, -1))

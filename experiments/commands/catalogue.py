@@ -56,7 +56,7 @@ def _groups() -> dict[str, dict[str, str]]:
     # Imported here so that --help does not load MuJoCo.
     from ttempc.guidance.controllers import CONTROLLERS
 
-    from ...testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
+    from ...testbed.vehicle.vehicle import VEHICLES, read_vehicle
     from ..scenario.scenario import load, shipped
     from ..scenario.tube_file import shipped_tubes
     from ..sweep.study import load_study, shipped_studies
@@ -64,7 +64,7 @@ def _groups() -> dict[str, dict[str, str]]:
     return {
         "scenarios": {name: load(name)[1].description for name in shipped()},
         "studies": {name: load_study(name)[1].description for name in shipped_studies()},
-        "vehicles": {name: read_vehicle(name).description for name in shipped_vehicles()},
+        "vehicles": {name: read_vehicle(name).description for name in VEHICLES.names()},
         "controllers": {name: entry.about for name, entry in CONTROLLERS.items()},
         "tubes": {name: _tube(name) for name in shipped_tubes()},
     }

@@ -28,7 +28,7 @@ from ...testbed.configuration.config_io import (
     validated,
 )
 from ...testbed.errors import InvalidPlant
-from ...testbed.vehicle.vehicle import DEFAULT_VEHICLE, PlantVehicle, find_vehicle, read_vehicle
+from ...testbed.vehicle.vehicle import DEFAULT_VEHICLE, VEHICLES, PlantVehicle, read_vehicle
 
 
 class Parameter(NamedTuple):
@@ -118,7 +118,7 @@ class PlantVehicleSettings:
 
     def file_text(self) -> str:
         """Return the text of the vehicle file."""
-        return find_vehicle(self.file).read_text(encoding="utf-8")
+        return VEHICLES.find(self.file).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, config=STRICT)

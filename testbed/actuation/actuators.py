@@ -24,7 +24,7 @@ from ttempc.types import Command, FloatArray
 from ttempc.vehicle import MAX_DEAD_TIME_S
 
 from ..configuration.config_io import STRICT, NotNegative
-from ..discretisation import delay_steps
+from ..discretisation import whole_steps
 from ..errors import InvalidPlant
 
 _ROUNDING: Final = 1e-12  # [rad] a set point at the edge of the dead band is inside it
@@ -212,4 +212,4 @@ def _steering_axis(
 
 
 def _delay(name: str, valve: SteeringValve | HydrostatValve, timestep: float) -> int:
-    return delay_steps(valve.dead_time_s, timestep, f"actuators.{name}.dead_time_s")
+    return whole_steps(valve.dead_time_s, timestep, f"actuators.{name}.dead_time_s", least=0)

@@ -13,7 +13,7 @@ from ..randomness import generator
 from ..sensing.sensor_specification import SensorSpecification
 from ..sensing.sensors import NUMBER
 from .fault import Fault, Window
-from .kinds import BusState, Sampling, sensors_of, valve
+from .kinds import BusState, SampleFilter, Sampling, sensors_of, valve
 
 _TAKEN: Final = SAMPLE + 1  # column of the sampling time in the rows of a `Change`
 
@@ -37,24 +37,14 @@ class SampleFaults:
         timestep: float,
         seed: int,
     ) -> None:
-        self._chain = [
-            (
-                window,
-                {
-                    NUMBER[sensor]: fault.row.effect(
-                        fault,
-                        Sampling(
-                            window,
-                            specification,
-                            timestep,
-                            generator(seed, f"fault {number} {fault.kind} {sensor}"),
-                        ),
-                    )
-                    for sensor in sensors_of(fault)
-                },
-            )
-            for number, fault, window in faults
-        ]
+        self._chain: list[tuple[Window, dict[int, SampleFilter]]] = []
+        for number, fault, window in faults:
+            filters = {}
+            for sensor in sensors_of(fault):
+                rng = generator(seed, f"fault {number} {fault.kind} {sensor}")
+                run = Sampling(window, specification, timestep, rng)
+                filters[NUMBER[sensor]] = fault.row.effect(fault, run)
+            self._chain.append((window, filters))
 
     def __call__(self, samples: FloatArray) -> FloatArray:
         """Return what arrives in the place of samples."""
@@ -134,14 +124,9 @@ class FaultyActuators:
             fault = self._faults[k][0]
             if fault.row.on == "valve":
                 axis = valve(fault)
-                moved[k] = set_points[axis] = fault.row.effect(
-                    fault,
-                    state.moved.get(k, present[axis]),
-                    set_points[axis],
-                    self._timestep,
-                    self._stops[axis],
-                )
-        front, trailer, hydrostat = set_points
-        return FaultyState(
-            state.step + 1, inner, command, buses, moved, (front, trailer, hydrostat)
-        )
+                memory, stop = state.moved.get(k, present[axis]), self._stops[axis]
+                target = set_points[axis]
+                moved[k] = fault.row.effect(fault, memory, target, self._timestep, stop)
+                set_points[axis] = moved[k]
+        front, trailer, hp = set_points
+        return FaultyState(state.step + 1, inner, command, buses, moved, (front, trailer, hp))

@@ -9,7 +9,7 @@ _MOST_LEVELS: Final = 32
 _MOST_PIXELS: Final = 4096  # of a side of a texture or picture
 _MOST_CELLS: Final = 20_000_000  # of a height field
 
-# Elements and attributes of the models that this program writes (`vehicle_model.level_mjcf`). None
+# Elements and attributes of the models that this program writes (`vehicle_model.level_model`). None
 # of the attributes names a file, none of the elements includes, replicates or loads anything.
 _ELEMENTS: Final = frozenset(
     """

@@ -191,14 +191,9 @@ def encode_event(event: Event) -> bytes:
 def quaternions(poses: FloatArray) -> FloatArray:
     """Return the attitudes w, x, y, z, (n, 4), of poses (n, 6), R = Rz(yaw) Ry(pitch) Rx(roll)."""
     (cy, cp, cr), (sy, sp, sr) = np.cos(0.5 * poses[:, 3:].T), np.sin(0.5 * poses[:, 3:].T)
-    return np.column_stack(
-        [
-            cy * cp * cr + sy * sp * sr,
-            cy * cp * sr - sy * sp * cr,
-            cy * sp * cr + sy * cp * sr,
-            sy * cp * cr - cy * sp * sr,
-        ]
-    )
+    w, x = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr
+    y, z = cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr
+    return np.column_stack([w, x, y, z])
 
 
 def headings(points: FloatArray) -> FloatArray:
@@ -236,12 +231,9 @@ def descriptor_set(channel: Channel) -> FileDescriptorSet:
         name=f"{PACKAGE}/{short_name}.proto", package=PACKAGE, syntax="proto3"
     )
     message = file.message_type.add(name=short_name)
-    double = {
-        "type": FieldDescriptorProto.TYPE_DOUBLE,
-        "label": FieldDescriptorProto.LABEL_OPTIONAL,
-    }
+    kind, label = FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.LABEL_OPTIONAL
     for number, name in enumerate(row_fields(channel), start=1):
-        message.field.add(name=name, number=number, **double)
+        message.field.add(name=name, number=number, type=kind, label=label)
     comment = SourceCodeInfo.Location(
         path=_MESSAGE_PATH, span=(0, 0, 0), leading_comments=f" {channel.about}\n"
     )

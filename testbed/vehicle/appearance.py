@@ -58,33 +58,22 @@ def tyre_mesh(
     crown = radius - 0.06 * section_height * across**2
     # profile (y, r) once around the section: rim, sidewall, tread, sidewall, rim
     y = np.concatenate([[-0.7, -1.0], 0.95 * across, [1.0, 0.7]]) * half
-    r = np.concatenate(
-        [[rim, rim + 0.5 * section_height], crown, [rim + 0.5 * section_height, rim]]
-    )
+    wall = rim + 0.5 * section_height
+    r = np.concatenate([[rim, wall], crown, [wall, rim]])
     angle = 2.0 * math.pi * np.arange(_AROUND) / _AROUND  # (around,)
     turn = np.where(across < 0.0, 0.0, 0.5) - _LUG_LEAD * (1.0 - np.abs(across))  # (tread,)
     phase = (_LUGS * angle[:, None] / (2.0 * math.pi) + turn) % 1.0  # (around, tread)
     ring = np.tile(r, (_AROUND, 1))  # (around, profile)
     ring[:, 2:-2] -= np.where(phase < 0.5, 0.0, lug)
-    vertices = np.stack(
-        [
-            ring * np.sin(angle)[:, None],
-            np.broadcast_to(y, ring.shape),
-            ring * np.cos(angle)[:, None],
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
+    x, z = ring * np.sin(angle)[:, None], ring * np.cos(angle)[:, None]
+    vertices = np.stack([x, np.broadcast_to(y, ring.shape), z], axis=-1).reshape(-1, 3)
     n = y.size
     here = np.arange(_AROUND)[:, None] * n + np.arange(n)  # (around, profile)
     ahead, beside = np.roll(here, -1, axis=0), np.roll(here, -1, axis=1)
     corner = np.roll(ahead, -1, axis=1)
-    faces = np.concatenate(
-        [
-            np.stack([here, ahead, beside], axis=-1).reshape(-1, 3),
-            np.stack([beside, ahead, corner], axis=-1).reshape(-1, 3),
-        ]
-    )
-    return vertices, faces.astype(np.int32)
+    corners = (here, ahead, beside), (beside, ahead, corner)
+    faces = [np.stack(each, axis=-1).reshape(-1, 3) for each in corners]
+    return vertices, np.concatenate(faces).astype(np.int32)
 
 
 def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArray) -> None:

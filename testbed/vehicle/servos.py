@@ -3,11 +3,16 @@
 A load of a scenario does not change them.
 """
 
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
 import math
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from operator import attrgetter
 from typing import Final
 
+import mujoco
 import numpy as np
 
 from ttempc.types import FloatArray
@@ -28,7 +33,7 @@ _TRAILER_TORQUE: Final = 1.4
 _TRAILER_GIVE: Final = 0.08  # [rad]
 # Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
 # implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
-LINKAGE_TIME: Final = 1e-3  # [s]
+_LINKAGE_TIME: Final = 1e-3  # [s]
 # Largest torque of the drive over the largest that the rear wheels transmit: the wheels slip before
 # the drive stalls. And its loss of speed under that torque, by leakage, over the top wheel speed.
 _DRIVE_TORQUE: Final = 1.4  # assumed
@@ -37,40 +42,45 @@ _FIRM_KPA: Final = SoilMap.named("hard").background
 _DRIVEN: Final = np.array([wheel.startswith("rear") for wheel in WHEELS])
 
 
-@dataclass(frozen=True, slots=True)
-class SteeringServo:
-    """Position servo on a steering joint behind a rate limit; its lag is damping / stiffness."""
+def put_servos(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None:
+    """Put the servos of front axle, RJ2 and drive into a model.
 
-    stiffness: float  # [N m/rad]
-    damping: float  # [N m s/rad]
-    torque: float  # [N m] largest
-    rate: float  # [rad/s] of the set point
-    limit: float  # [rad] to each side
-
-
-@dataclass(frozen=True, slots=True)
-class DriveServo:
-    """First-order lag, then a speed servo on the mean of the driven wheels."""
-
-    lag: float  # [s]
-    wheel_speed: float  # [rad/s] set point at hydrostat position 1
-    damping: float  # [N m s/rad]
-    torque: float  # [N m] largest, both wheels together
-
-
-def steering_servos(vehicle: PlantVehicle) -> tuple[SteeringServo, SteeringServo]:
-    """Return the servos of the front axle and of RJ2."""
+    Those of the steering are position servos behind a rate limit; the lag of one is its damping
+    over its stiffness. The drive is a first-order lag, then a speed servo on the mean of the driven
+    wheels.
+    """
     loads = AxleLoads.of(_empty(vehicle))
     front = _FRONT_TORQUE * loads.front * vehicle.front_wheel.radius_m
+    damping = _put_steering(spec.actuator("steer"), vehicle.front_steering, front, _FRONT_GIVE)
+    spec.joint("steer").armature = _LINKAGE_TIME * damping  # [kg m^2]
     trailer = _TRAILER_TORQUE * loads.trailer * vehicle.trailer.length_m
-    return (
-        _steering_servo(vehicle.front_steering, front, _FRONT_GIVE),
-        _steering_servo(vehicle.trailer_steering, trailer, _TRAILER_GIVE),
-    )
+    _put_steering(spec.actuator("rj2"), vehicle.trailer_steering, trailer, _TRAILER_GIVE)
+    lag, wheel_speed, damping, torque = drive_servo(vehicle, law)
+    hydrostat = spec.actuator("hydrostat")
+    hydrostat.dynprm[0] = lag
+    hydrostat.gainprm[0], hydrostat.biasprm[2] = damping * wheel_speed, -damping
+    hydrostat.forcerange = [-torque, torque]
 
 
-def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> DriveServo:
+def _put_steering(
+    actuator: mujoco.MjsActuator, steering: Steering, torque: float, give: float
+) -> float:
+    """Put a servo with the largest `torque` [N m]; return its damping [N m s/rad]."""
+    stiffness = torque / give  # [N m/rad]
+    damping, limit = stiffness * steering.lag_s, math.radians(steering.limit_deg)
+    actuator.dyntype = mujoco.mjtDyn.mjDYN_PID
+    actuator.dynprm[1] = math.radians(steering.rate_degps)
+    actuator.biasprm[1], actuator.biasprm[2] = -stiffness, -damping
+    actuator.ctrlrange = [-limit, limit]
+    actuator.forcerange = [-torque, torque]
+    return damping
+
+
+def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> tuple[float, float, float, float]:
     """Return the drive for which a step test on soil "hard" identifies the vehicle's K and tau.
+
+    It is its lag [s], the wheels' set point at hydrostat position 1 [rad/s], damping [N m s/rad]
+    and largest torque [N m] of both wheels together.
 
     K: at steady speed the driven wheels slip by s and the servo droops by T / damping, so that
 
@@ -99,7 +109,7 @@ def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> DriveServo:
             f"bring {mass:.0f} kg to speed"
         )
     wheel_speed = gain / radius / (1.0 - slip) + wheel_torque / damping
-    return DriveServo(float(tau - wheel_lag), float(wheel_speed), float(damping), float(torque))
+    return float(tau - wheel_lag), float(wheel_speed), float(damping), float(torque)
 
 
 def equilibrium_slip(
@@ -135,28 +145,12 @@ def wheel_loads(vehicle: PlantVehicle) -> FloatArray:
 
 def tyres_of(vehicle: PlantVehicle) -> Tyres:
     """Return the tyres of the wheels in the order of `WHEELS`."""
+    names = ("radius_m", "width_m", "section_height_m")  # in the order of `Tyres`
+    numbers = attrgetter(*names, "relative_deflection", "rated_load_n", "damping_spm")
     wheels = [vehicle.wheels[wheel.split("_")[0]] for wheel in WHEELS]
-    return Tyres(
-        radius=np.array([wheel.radius_m for wheel in wheels]),
-        width=np.array([wheel.width_m for wheel in wheels]),
-        section_height=np.array([wheel.section_height_m for wheel in wheels]),
-        relative_deflection=np.array([wheel.relative_deflection for wheel in wheels]),
-        rated_load=np.array([wheel.rated_load_n for wheel in wheels]),
-        damping=np.array([wheel.damping_spm for wheel in wheels]),
-        radial=np.array([re.search(r"\dR", wheel.size) is not None for wheel in wheels]),
-    )
+    radial = np.array([re.search(r"\dR", wheel.size) is not None for wheel in wheels])
+    return Tyres(*np.array([numbers(wheel) for wheel in wheels]).T.copy(), radial=radial)
 
 
 def _empty(vehicle: PlantVehicle) -> PlantVehicle:
     return replace(vehicle, load=replace(vehicle.load, mass_kg=0.0))
-
-
-def _steering_servo(steering: Steering, torque: float, give: float) -> SteeringServo:
-    stiffness = torque / give
-    return SteeringServo(
-        stiffness=stiffness,
-        damping=stiffness * steering.lag_s,
-        torque=torque,
-        rate=math.radians(steering.rate_degps),
-        limit=math.radians(steering.limit_deg),
-    )

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass as stdlib_dataclass
 from operator import attrgetter
-from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
@@ -32,7 +31,9 @@ from ..configuration.resources import ShippedFiles
 from ..errors import InvalidPlant
 
 DEFAULT_VEHICLE: Final = "kayacan2016"
-_VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
+VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
+"""Vehicles that ship with the project."""
+
 GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
 _LEAST_SHARE: Final = 0.05  # of the tractor's weight on each axle; it must steer and drive
 _WIDEST_KNUCKLE_DEG: Final = 65.0  # beyond it the quartic of MuJoCo's coupling does not fit
@@ -186,20 +187,6 @@ class PlantVehicle:
         return self.hitch.offset_m + self.drawbar.length_m + self.trailer.length_m
 
 
-def shipped_vehicles() -> list[str]:
-    """Return the names of the vehicles that ship with the project."""
-    return _VEHICLES.names()
-
-
-def find_vehicle(name: str) -> Path:
-    """Return the path of a vehicle file, given the name of a shipped vehicle or a path.
-
-    Raises:
-        InvalidPlant: there is no such file.
-    """
-    return _VEHICLES.find(name)
-
-
 def read_vehicle(name: str = DEFAULT_VEHICLE) -> PlantVehicle:
     """Return the vehicle of a file, given the name of a shipped vehicle or a path.
 
@@ -207,7 +194,7 @@ def read_vehicle(name: str = DEFAULT_VEHICLE) -> PlantVehicle:
         InvalidPlant: there is no such file, a key or a value is not allowed (the message names
             file and key), or the parts do not fit together (the message gives the reason).
     """
-    file = find_vehicle(name)
+    file = VEHICLES.find(name)
     content = read_toml(file, InvalidPlant)
     try:
         return validated(PlantVehicle, content, InvalidPlant)
@@ -302,19 +289,14 @@ def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
     angle = np.radians(vehicle.front_steering.limit_deg)
     angle = float(knuckle_angle(angle, tractor.wheelbase_m, kingpin))
     if angle > math.radians(_WIDEST_KNUCKLE_DEG):
-        yield (
-            "front_steering.limit_deg",
-            f"the inner wheel would turn by {math.degrees(angle):.0f} deg, "
-            f"at most {_WIDEST_KNUCKLE_DEG:g} deg are allowed",
-        )
+        reason = f"{math.degrees(angle):.0f} deg, at most {_WIDEST_KNUCKLE_DEG:g} deg are allowed"
+        yield "front_steering.limit_deg", f"the inner wheel would turn by {reason}"
     arm = 0.5 * (axle.track_m - axle.kingpin_track_m) - 0.5 * front.width_m
     edge = kingpin + arm * math.cos(angle) - front.radius_m * math.sin(angle)
     if edge <= 0.5 * tractor.engine_width_m:
-        yield (
-            "front_steering.limit_deg",
-            f"the inner wheel comes {edge:.3f} m near to the middle and touches the body, "
-            f"tractor.engine_width_m = {tractor.engine_width_m}",
-        )
+        reason = f"touches the body, tractor.engine_width_m = {tractor.engine_width_m}"
+        where = f"the inner wheel comes {edge:.3f} m near to the middle and"
+        yield "front_steering.limit_deg", f"{where} {reason}"
     # the drawbar, as a line, between the rear wheels: half the length of a wheel at the height of
     # the hitch, and what of it stands behind the hitch
     inside = 0.5 * (tractor.rear_track_m - rear.width_m)

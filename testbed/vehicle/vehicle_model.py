@@ -12,7 +12,7 @@ of bodies, over its shapes. The shapes also give the inertia where the file has 
 import math
 import re
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -26,8 +26,8 @@ from ..truth import WHEELS
 from ..wheels.soil_law import SoilLaw
 from ..wheels.wheel_models import wheel_model
 from .appearance import put_tyres
-from .servos import LINKAGE_TIME, SteeringServo, drive_servo, steering_servos
-from .vehicle import PlantVehicle, Tractor, Trailer, knuckle_angle
+from .servos import put_servos
+from .vehicle import PlantVehicle, knuckle_angle
 
 _MJCF: Final = "tractor_trailer.xml"
 _SAMPLES: Final = 201  # of the knuckle angle, for the fit of its quartic
@@ -57,10 +57,16 @@ def build_spec(
         raise InvalidPlant(f"plant.timestep_s: got {timestep_s}, must be above 0, at most 0.004")
     spec = mujoco.MjSpec.from_file(str(resource("proving_ground.mjcf", _MJCF)))
     spec.option.timestep = timestep_s
-    _scale_to_vehicle(spec, vehicle)
+    ratios = _Ratios(spec, vehicle)
+    _fit_tractor(spec, vehicle, ratios)
+    _fit_front_axle(spec, vehicle, ratios)
+    _fit_trailer(spec, vehicle, ratios)
+    for camera in spec.cameras:
+        camera.pos = np.asarray(camera.pos) * ratios.wheelbase
     _set_inertials(spec, vehicle)
     _put_stops(spec, vehicle)
-    _put_actuators(spec, vehicle, law)
+    _put_linkage(spec, vehicle)
+    put_servos(spec, vehicle, law)
     _put_load(spec, vehicle)
     _put_ground(spec, terrain)
     put_tyres(spec, vehicle)
@@ -83,23 +89,20 @@ def physics_model(spec: mujoco.MjSpec, coupled: bool) -> mujoco.MjModel:
     return lean.compile()
 
 
-def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
-    """Return the whole model on level ground, and its spec."""
+def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, str]:
+    """Return the whole model on level ground, and the MJCF of the model without heights.
+
+    As text the heights are a hundred times as long as the rest. MuJoCo loads a ground without them
+    as level.
+    """
     level = spec.copy()
     ground = level.hfield("ground")
+    grid = f'nrow="{ground.nrow}" ncol="{ground.ncol}"'
     ground.nrow = ground.ncol = 2
     ground.userdata = [0.0] * 4
-    return level.compile(), level
-
-
-def level_mjcf(level: mujoco.MjSpec, grid: tuple[int, int]) -> str:
-    """Return the MJCF of the spec of `level_model`, with ground of a `grid` (rows, columns).
-
-    The heights are left out: as text they are a hundred times as long as the rest. MuJoCo loads a
-    ground without heights as level.
-    """
+    model = level.compile()
     text = re.sub(r'\s+elevation="[^"]*"', "", level.to_xml())
-    return text.replace('nrow="2" ncol="2"', f'nrow="{grid[0]}" ncol="{grid[1]}"')
+    return model, text.replace('nrow="2" ncol="2"', grid)
 
 
 def linkage_polynomial(limit: float, wheelbase: float, kingpin_y: float) -> FloatArray:
@@ -136,16 +139,6 @@ class _Ratios:
         self.towed = vehicle.trailer_wheel.radius_m / spec.geom("trailer_left_tyre").size[0]
         box_height = 0.5 * box.height_m / box_z
         self.box = 0.5 * box.length_m / box_x, 0.5 * box.width_m / box_y, box_height
-
-
-def _scale_to_vehicle(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    """Scale the model, as read from `mjcf/`, to the vehicle, in place."""
-    ratios = _Ratios(spec, vehicle)
-    _fit_tractor(spec, vehicle, ratios)
-    _fit_front_axle(spec, vehicle, ratios)
-    _fit_trailer(spec, vehicle, ratios)
-    for camera in spec.cameras:
-        camera.pos = np.asarray(camera.pos) * ratios.wheelbase
 
 
 def _fit_tractor(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> None:
@@ -262,13 +255,20 @@ def _set_inertials(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    radius = vehicle.rear_wheel.radius_m
-    tractor_parts = (*_FRONT_AXLE, *WHEELS[:4])
-    _set_chassis(spec, data, "tractor", vehicle.tractor, tractor_parts, radius)
-    radius = vehicle.trailer_wheel.radius_m
-    _set_chassis(spec, data, "trailer", vehicle.trailer, WHEELS[4:], radius)
-    centre = np.array([-0.5 * vehicle.drawbar.length_m, 0.0, 0.0])
-    _set_inertial(spec, model, "drawbar", vehicle.drawbar.mass_kg, centre, None)
+    for body, whole, parts, wheel in (
+        ("tractor", vehicle.tractor, (*_FRONT_AXLE, *WHEELS[:4]), vehicle.rear_wheel),
+        ("trailer", vehicle.trailer, WHEELS[4:], vehicle.trailer_wheel),
+    ):
+        ids = [model.body(part).id for part in parts]
+        masses = model.body_mass[ids]  # (n,)
+        moments = masses @ (data.xipos[ids] - data.xpos[model.body(body).id])  # (3,) [kg m]
+        mass = whole.mass_kg - float(masses.sum())
+        centre = np.array([whole.centre_forward_m, 0.0, whole.centre_height_m - wheel.radius_m])
+        centre, inertia = (whole.mass_kg * centre - moments) / mass, whole.chassis_inertia_kgm2
+        _set_inertial(spec.body(body), model.body(body), mass, centre, inertia)
+    middle = np.array([-0.5 * vehicle.drawbar.length_m, 0.0, 0.0])
+    drawbar = spec.body("drawbar"), model.body("drawbar")
+    _set_inertial(*drawbar, vehicle.drawbar.mass_kg, middle)
 
 
 def _divide_mass(spec: mujoco.MjSpec, bodies: Sequence[str], mass: float) -> None:
@@ -279,38 +279,15 @@ def _divide_mass(spec: mujoco.MjSpec, bodies: Sequence[str], mass: float) -> Non
         shape.mass *= mass / total
 
 
-def _set_chassis(
-    spec: mujoco.MjSpec,
-    data: mujoco.MjData,
-    body: str,
-    whole: Tractor | Trailer,
-    parts: Sequence[str],
-    axle_height: float,
-) -> None:
-    model = data.model
-    ids = [model.body(part).id for part in parts]
-    masses = model.body_mass[ids]  # (n,)
-    origin = data.xpos[model.body(body).id]
-    moments = masses @ (data.xipos[ids] - origin)  # (3,) [kg m]
-    mass = whole.mass_kg - float(masses.sum())
-    centre = np.array([whole.centre_forward_m, 0.0, whole.centre_height_m - axle_height])
-    centre = (whole.mass_kg * centre - moments) / mass
-    _set_inertial(spec, model, body, mass, centre, whole.chassis_inertia_kgm2)
-
-
 def _set_inertial(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    name: str,
+    body: mujoco.MjsBody,
+    from_shapes: Any,  # noqa: ANN401 - a view of MuJoCo's model
     mass: float,
-    centre: np.ndarray,
-    inertia: tuple[float, float, float] | None,
+    centre: FloatArray,
+    inertia: tuple[float, float, float] | None = None,
 ) -> None:
     """Set the inertial of a body; the default inertia [kg m^2] is that of its shapes, scaled."""
-    body, from_shapes = spec.body(name), model.body(name)
-    body.explicitinertial = True
-    body.mass = mass
-    body.ipos = centre
+    body.explicitinertial, body.mass, body.ipos = True, mass, centre
     body.iquat = [1.0, 0.0, 0.0, 0.0] if inertia else from_shapes.iquat
     body.inertia = inertia or from_shapes.inertia * mass / float(from_shapes.mass[0])
 
@@ -328,29 +305,12 @@ def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
         spec.joint(joint).range = [-limit_deg, limit_deg]  # the MJCF's angles are degrees
 
 
-def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None:
-    front, trailer = steering_servos(vehicle)
-    _put_steering(spec.actuator("steer"), front)
-    _put_steering(spec.actuator("rj2"), trailer)
-    spec.joint("steer").armature = LINKAGE_TIME * front.damping  # [kg m^2]
+def _put_linkage(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     limit = math.radians(vehicle.front_steering.limit_deg)
     kingpin = 0.5 * vehicle.front_axle.kingpin_track_m
     for side, y in (("left", kingpin), ("right", -kingpin)):
         quartic = linkage_polynomial(limit, vehicle.tractor.wheelbase_m, y)
         spec.equality(f"ackermann_{side}").data[:5] = quartic
-    drive, hydrostat = drive_servo(vehicle, law), spec.actuator("hydrostat")
-    hydrostat.dynprm[0] = drive.lag
-    hydrostat.gainprm[0] = drive.damping * drive.wheel_speed
-    hydrostat.biasprm[2] = -drive.damping
-    hydrostat.forcerange = [-drive.torque, drive.torque]
-
-
-def _put_steering(actuator: mujoco.MjsActuator, servo: SteeringServo) -> None:
-    actuator.dyntype = mujoco.mjtDyn.mjDYN_PID
-    actuator.dynprm[1] = servo.rate
-    actuator.biasprm[1], actuator.biasprm[2] = -servo.stiffness, -servo.damping
-    actuator.ctrlrange = [-servo.limit, servo.limit]
-    actuator.forcerange = [-servo.torque, servo.torque]
 
 
 def _put_load(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:

@@ -9,7 +9,7 @@ import pytest
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
+from proving_ground.testbed.vehicle.vehicle import VEHICLES, read_vehicle
 
 from ttempc.types import Command
 
@@ -20,7 +20,7 @@ STOP = Command(0.0, 0.0, 0.0)
 ROLL = Command(0.0, 0.0, 1.0 / 1.4)
 SMALL = read_vehicle()
 both_vehicles = pytest.mark.parametrize(
-    "vehicle", [read_vehicle(name) for name in shipped_vehicles()], ids=shipped_vehicles()
+    "vehicle", [read_vehicle(name) for name in VEHICLES.names()], ids=VEHICLES.names()
 )
 
 

@@ -3,13 +3,13 @@
 import math
 
 import pytest
-from proving_ground.testbed.discretisation import delay_steps, quantised, whole_steps
+from proving_ground.testbed.discretisation import quantised, whole_steps
 from proving_ground.testbed.errors import InvalidPlant
 
 
 def test_a_period_of_whole_steps_is_their_number():
     assert whole_steps(0.2, 0.002, "period") == 100
-    assert delay_steps(0.0, 0.002, "delay") == 0
+    assert whole_steps(0.0, 0.002, "delay", least=0) == 0
 
 
 @pytest.mark.parametrize("period", [0.003, 0.001, math.inf, math.nan, 0.0])

@@ -1,7 +1,7 @@
 """Extended Kalman filter over the augmented state: predict, correct, observe; compiled.
 
 Of arrays (4, ...) the first entry is a value, the others are its derivatives by the factors of
-`NoiseScale`. Rows of 22 entries are padded to 24, three vectors of eight numbers.
+`NoiseScale`. A row has 24 entries, three vectors of eight numbers.
 """
 
 from __future__ import annotations
@@ -41,8 +41,9 @@ from .noise import SCALE_RANGE, SCALES, ProcessNoise, SensorNoise
 _LEVELS: Final = 1 + SCALES
 _CROSS: Final = 2 * WIDTH  # begin of parts of the workspace of `correct`
 _HALF: Final = 10 * WIDTH
-_XY: Final = SIZE  # of a row of process noise: the entries (x, y) and (psi_i, delta_i)
-_JOINT: Final = SIZE + 1
+# Of a row of process noise: entries (x, y) and (psi_i, delta_i). The past yaws gather no noise.
+_XY: Final = int(AugmentedState.PAST_T)
+_JOINT: Final = int(AugmentedState.PAST_I)
 _SENSORS: Final = len(SensorIndex)
 _INPUTS: Final = len(Input)
 _UNWEIGHED: Final = int(SensorIndex.IMU_TRACTOR)  # the first sensor without a reading at the start
@@ -59,6 +60,7 @@ _LONGEST_STEP_S: Final = 0.05  # a third of the front steering's lag
 _PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
 _LONGER_S: Final = 5.0  # the same of a receiver that may find a wrong fix; assumed
 _LONGEST_SPAN_S: Final = 0.1  # between samples of a gyro, for their mean to be that of the rate
+_SLOPE_S: Final = 0.5  # over which roll and pitch are smoothed; bumps last less
 _MOST_STEP: Final = 0.5  # of the logarithm of a factor at one sample; assumed
 _LEAST_VARIANCE: Final = 1e-12  # of an entry without uncertainty: covariances are invertible
 
@@ -82,6 +84,7 @@ FILTER: Final = np.dtype(
         # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
         # vector instructions, which takes four times as long.
         ("width", "i8"),
+        ("side_per_slope", "f8"),  # side slip on a slope [rad/rad]
     ]
 )
 """Record of a filter's constants: its vehicle and its noise."""
@@ -95,6 +98,7 @@ MOMENT: Final = np.dtype(
         ("valves", "f8", 2),  # set points of the steering valves [rad]
         ("rejected_since", "f8", _SENSORS),  # by the gate, without a break [s], or NaN
         ("gyros", "f8", (2, 4)),  # last samples: time [s], yaw rate, roll, pitch, or NaN
+        ("slopes", "f8", (2, 2)),  # side slip on the slope that each IMU shows, see `_weigh`
     ]
 )
 """Record of all that a filter carries from one time to the next."""
@@ -166,7 +170,9 @@ def predict(
         drawbar = f.vehicle[VehicleParameter.DRAWBAR_LENGTH] * math.cos(
             middle[AugmentedState.DELTA_I]
         )
-        swing = -drawbar / (f.vehicle[VehicleParameter.TRAILER_LENGTH] + drawbar)
+        trailer = f.vehicle[VehicleParameter.TRAILER_LENGTH]
+        trailer += f.vehicle[VehicleParameter.TRAILER_TURNING_OFFSET]
+        swing = -drawbar / (trailer + drawbar)
         for level in range(_LEVELS):
             for i in range(SIZE):
                 variance = step_s * f.rates[0, level, i] + travel * f.rates[1, level, i]
@@ -235,7 +241,7 @@ def predict(
 @cached_njit(error_model="numpy")
 def _add(matrix: FloatArray, noise: FloatArray) -> None:
     """Add a row of noise (24,), see `predict`, to a covariance."""
-    for i in range(SIZE):
+    for i in range(_XY):
         matrix[i, i] += noise[i]
     matrix[0, 1] += noise[_XY]
     matrix[1, 0] += noise[_XY]
@@ -420,6 +426,16 @@ def _weigh(
         variance = variance * span_s * span_s + f.gyro_sampling * travel
         last[0], last[1], last[2], last[3] = time_s, sample[2], sample[3], sample[4]
         usable = span_s <= _LONGEST_SPAN_S
+        # Roll and pitch, smoothed and averaged over both bodies, are the slope; the filter follows
+        # the rest of the side slip that is fixed in the map.
+        share = 1.0 if math.isnan(span_s) else -math.expm1(-span_s / _SLOPE_S)
+        cos, sin = math.cos(now.augmented[0, psi]), math.sin(now.augmented[0, psi])
+        for i in range(2):
+            along, across = (sin, cos) if i else (cos, -sin)
+            slip = f.side_per_slope * (sample[4] * along - sample[3] * across)
+            change = share * (slip - now.slopes[body, i])
+            now.slopes[body, i] += change
+            now.augmented[0, AugmentedState.SIDE_X + i] += 0.5 * change
     result = 0.0, 0.0, 0.0, 0.0
     sample[5] = 0.0
     if usable:
@@ -772,7 +788,8 @@ def first_state(
     variances: list[float] = []
     for sensor, length in LENGTH.items():
         travel = v * (newest - readings[sensor].time_s) if length == 2 else 0.0
-        variances += [noise.of(sensor) ** 2 + travel**2] * length
+        offset = noise.angle_offset if sensor in (Sensor.STEERING_TRAILER, Sensor.HITCH) else 0.0
+        variances += [noise.of(sensor) ** 2 + travel**2 + offset**2] * length
     return state, (jacobian * variances) @ jacobian.T
 
 
@@ -789,7 +806,8 @@ def first_moment(
     state, covariance = first_state(readings, vehicle, replace(sensors, gnss_white_share=1.0))
     slow = max(sensors.difference_variance, _LEAST_VARIANCE)
     bias = max(sensors.yaw_rate_bias**2, _LEAST_VARIANCE)
-    others = [*INITIAL_SD**2, slow, slow, bias, bias, _LEAST_VARIANCE, _LEAST_VARIANCE]
+    offset = max(sensors.angle_offset**2, _LEAST_VARIANCE)
+    others = [*INITIAL_SD**2, slow, slow, offset, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
     row = np.zeros(ROW)
     start = row.view(MOMENT)[0]
     start["time_s"] = max(reading.time_s for reading in readings.values())
@@ -836,6 +854,7 @@ def filter_parameters(
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
     f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
     f["keeps_all"], f["width"] = keeps_all, WIDTH
+    f["side_per_slope"] = process.side_per_slope
     return flat
 
 

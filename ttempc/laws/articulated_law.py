@@ -11,7 +11,7 @@ import numpy as np
 from ..jit import cached_njit, record
 from ..layout import ESTIMATE, TICK, new_tick
 from ..mpc.articulated_error import PredictedPath
-from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
+from ..mpc.lmpc import CondensedHorizon, LinearMpc, Work
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State, TubeReport
 from ..vehicle import Vehicle
 from .tracking_controller import FeedbackLaw
@@ -40,23 +40,38 @@ WORDS: Final = (
 """Why another law than the controller's own acted, by `TICK.law`; {} is the solver's status."""
 
 
-class Law(NamedTuple):
-    """Constants of an articulated law along a reference of T ticks; (0, ...) what it lacks."""
+LAW: Final = np.dtype(
+    [
+        ("kind", "f8"),  # `NOMINAL`, `ONE_STEP`, `TUBE_READING`, `TUBE_MPC`
+        ("wheelbase", "f8"),  # [m]
+        ("time_constant", "f8"),  # of the drive [s]
+        ("disturbances", "f8"),  # 1 where the MPC uses the estimated ones, else 0
+        ("limit", "f8", 3),  # k_s of the robust law
+        ("forgetting", "f8"),  # of its autocorrelation, per period
+    ]
+)
+"""Constants of an articulated law; 0 what it lacks."""
 
-    kind: int  # `NOMINAL`, `ONE_STEP`, `TUBE_READING`, `TUBE_MPC`
-    reference: FloatArray  # state (T + 1, 7)
-    feedforward: FloatArray  # u_r (T, 3)
-    wheelbase: float  # [m]
-    time_constant: float  # of the drive [s]
-    disturbances: float  # 1 where the MPC uses the estimated ones, else 0
-    gains: FloatArray  # (T, 3, 7), of the robust law in units of its limit
-    limit: FloatArray  # k_s (3,) of the robust law
-    forgetting: float  # of its autocorrelation, per period
-    ancillary: FloatArray  # K (T, 3, 7) of the backup plan
-    reserve: FloatArray  # of the inputs that it leaves K at stage j, (Np, T, 3)
-    faces: FloatArray  # of the set of disturbances (f, 7), or of the tube (T * 12, 7)
-    rows: FloatArray  # from an error to the entries of a report (T, 9, 7)
-    half_widths: FloatArray  # of the report (T, 9)
+POINT: Final = np.dtype(
+    [
+        ("state", "f8", 7),  # of the reference
+        ("feedforward", "f8", 3),  # u_r
+        ("gains", "f8", (3, 7)),  # of the robust law in units of its limit
+        ("ancillary", "f8", (3, 7)),  # K of the backup plan
+        ("rows", "f8", (9, 7)),  # from an error to the entries of a report
+        ("half_widths", "f8", 9),  # of the report
+    ]
+)
+"""The same at a tick of its reference."""
+
+
+class Law(NamedTuple):
+    """Arrays of an articulated law along a reference of T ticks."""
+
+    constants: FloatArray  # record `LAW`
+    points: FloatArray  # records `POINT`, (T, 124)
+    faces: FloatArray  # of the tube (T, f, 7), or of the set of disturbances (1, f, 7); (0, 0, 7)
+    reserve: FloatArray  # of the inputs, for the ancillary gain at stage j, (Np, T, 3); (0, 0, 3)
 
 
 MEMORY: Final = np.dtype(
@@ -85,103 +100,123 @@ _EXHAUSTED: Final = 3.0
 _TURN: Final = math.tau
 
 
+_TINY: Final = 1e-30  # keeps the autocorrelation of a signal of zeros finite
+# Largest argument of tanh in the tube reading. Beyond it the law cannot bring the vehicle back.
+_EXHAUSTED: Final = 3.0
+_TURN: Final = math.tau
+
+
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def advance(
+    k: int, model: FloatArray, state: FloatArray, inputs: FloatArray, to: FloatArray
+) -> None:
+    """Write the error (7,) that follows on `state` (16,) and `inputs` (3,) of tick `k`."""
+    for i in range(_N):
+        total = 0.0
+        for c in range(16):
+            total += model[k, i, c] * state[c]
+        for c in range(_M):
+            total += model[k, i, 16 + c] * inputs[c]
+        to[i] = total
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def robust_part(
-    k: int, law: Law, stages: Stages, memory: FloatArray, given: FloatArray, tick: FloatArray
+    k: int,
+    constants: FloatArray,
+    points: FloatArray,
+    faces: FloatArray,
+    model: FloatArray,
+    outputs: FloatArray,
+    memory: FloatArray,
+    given: FloatArray,
+    tick: FloatArray,
 ) -> None:
     """Write nominal state, deviation, action and modelling error of tick `k`.
 
-    `given` has the error (16,) and u_e(k-1) (3,); it leaves with those on which the MPC acts. In
-    the one-step reading each action is multiplied by its lag-one autocorrelation within [0, 1]:
-    `MEMORY.correlation` holds the previous one and the averages of product and power, of which
-    older ones weigh less by the factor `Law.forgetting` with each tick.
+    `given` has the error (16,) and u_e(k-1) (3,), `MEMORY.previous`; it leaves with those on which
+    the MPC acts. In the one-step reading each action is multiplied by its lag-one autocorrelation
+    within [0, 1]: `MEMORY.correlation` holds the previous one and the averages of product and
+    power, of which older ones weigh less by the factor `LAW.forgetting` with each tick.
     """
+    law, point = record(constants, LAW), record(points[k], POINT)
     s, t = record(memory, MEMORY), record(tick, TICK)
+    nominal, deviation, action, feedback = s.nominal, s.deviation, s.action, s.feedback
+    kind, gains, seen, modelling = law.kind, point.gains, s.correlation, t.tracking
     started = s.last == k - 1
-    if law.kind == TUBE_READING and s.last >= 0.0:
-        for i in range(_M):
-            given[16 + i] = s.feedback[i]
+    if started and kind == ONE_STEP:
+        advance(k - 1, model, s.state, s.previous, nominal)
+    largest, coming = 0.0, s.coming
     for i in range(_N):
-        s.nominal[i] = given[i]
-        if law.kind == TUBE_MPC and s.last == k - 1:
-            s.nominal[i] = s.coming[i]
-        elif law.kind != TUBE_MPC and started:
-            total = 0.0
-            for c in range(16):
-                total += stages.model[k - 1, i, c] * s.state[c]
-            for c in range(_M):
-                total += stages.model[k - 1, i, 16 + c] * given[16 + c]
-            s.nominal[i] = total
-        s.deviation[i] = given[i] - s.nominal[i]
-    largest = gauge = 0.0
+        if not started:
+            nominal[i] = given[i]
+        elif kind != ONE_STEP:
+            nominal[i] = coming[i]
+        deviation[i] = given[i] - nominal[i]
     for i in range(_M):
-        s.action[i] = 0.0
+        total = 0.0
         for j in range(_N):
-            s.action[i] += law.gains[k, i, j] * s.deviation[j]
-        largest = max(largest, abs(s.action[i]))
-    if law.faces.shape[0]:
-        faces, first = law.faces.shape[0], 0
-        if law.kind == TUBE_MPC:
-            faces //= law.half_widths.shape[0]
-            first = faces * k
-        gauge = report_tube(k, law, first, first + faces, s.nominal, s.deviation, t.tube)
-    if law.kind == TUBE_MPC:
-        for i in range(_M):
-            s.action[i] = -s.action[i] if gauge <= 1.0 else 0.0
-            given[16 + i] = s.feedback[i]
-        if gauge <= 1.0:
-            for i in range(_N):
-                given[i] = s.nominal[i]
-        else:
-            s.fallback = OUTSIDE
-        return
-    if law.kind == ONE_STEP:
-        for i in range(_M):
-            last, now, seen = s.correlation[0, i], s.action[i], s.correlation
-            seen[1, i] = law.forgetting * seen[1, i] + now * last
-            power = 0.5 * (now * now + last * last)
-            seen[2, i] = law.forgetting * seen[2, i] + power
-            seen[0, i] = now
-            s.action[i] *= min(max(seen[1, i] / max(seen[2, i], _TINY), 0.0), 1.0)
-    elif largest > _EXHAUSTED:
+            total += gains[i, j] * deviation[j]
+        action[i] = total
+        largest = max(largest, abs(total))
+        if kind == TUBE_MPC or (kind == TUBE_READING and s.last >= 0.0):
+            given[16 + i] = feedback[i]
+    gauge = 0.0
+    if faces.shape[0]:
+        gauge = report_tube(k, points, faces, nominal, deviation, t.tube)
+    if kind == TUBE_MPC and gauge > 1.0:
+        s.fallback = OUTSIDE
+    elif kind == TUBE_READING and largest > _EXHAUSTED:
         s.fallback = EXHAUSTED
+    elif kind != ONE_STEP:  # the disturbances act on both states, with their present estimates
         for i in range(_N):
-            s.deviation[i] = 0.0
-        for i in range(_M):
-            s.action[i] = 0.0
-    else:  # the disturbances act on both states, with their present estimates
-        for i in range(_N):
-            given[i] = s.nominal[i]
+            given[i] = nominal[i]
     for i in range(_M):
-        s.action[i] = law.limit[i] * math.tanh(s.action[i])
-    for p in range(4):
-        t.tracking[7 + p] = 0.0
-        for j in range(_N):
-            t.tracking[7 + p] += stages.outputs[k, p, j] * s.deviation[j]
+        now = action[i]
+        if s.fallback != 0.0:
+            action[i] = 0.0
+        elif kind == TUBE_MPC:
+            action[i] = -now
+        else:
+            if kind == ONE_STEP:
+                last = seen[0, i]
+                power = 0.5 * (now * now + last * last)
+                seen[0, i] = now
+                seen[1, i] = law.forgetting * seen[1, i] + now * last
+                seen[2, i] = law.forgetting * seen[2, i] + power
+                now *= min(max(seen[1, i] / max(seen[2, i], _TINY), 0.0), 1.0)
+            action[i] = law.limit[i] * math.tanh(now)
+    if kind != TUBE_MPC:
+        for p in range(4):
+            total = 0.0
+            for j in range(_N):
+                total += outputs[k, p, j] * deviation[j]
+            modelling[7 + p] = total if s.fallback == 0.0 else 0.0
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def report_tube(
     k: int,
-    law: Law,
-    first: int,
-    end: int,
+    points: FloatArray,
+    faces: FloatArray,
     nominal: FloatArray,
     deviation: FloatArray,
     report: FloatArray,
 ) -> float:
     """Write a `TubeReport` (20,) at tick `k`; return the gauge of the deviation in its set."""
-    gauge = 0.0
-    for f in range(first, end):
+    point, at, gauge = record(points[k], POINT), min(k, faces.shape[0] - 1), 0.0
+    for f in range(faces.shape[1]):
         value = 0.0
         for j in range(_N):
-            value += law.faces[f, j] * deviation[j]
+            value += faces[at, f, j] * deviation[j]
         gauge = max(gauge, abs(value))
     report[0], report[1] = 1.0 if gauge <= 1.0 else 0.0, 1.0 - gauge
+    rows, widths = point.rows, point.half_widths
     for i in range(9):
-        report[2 + i], report[11 + i] = 0.0, law.half_widths[k, i]
+        value = 0.0
         for j in range(_N):
-            report[2 + i] += law.rows[k, i, j] * nominal[j]
+            value += rows[i, j] * nominal[j]
+        report[2 + i], report[11 + i] = value, widths[i]
     return gauge
 
 
@@ -190,42 +225,38 @@ def propose(
     k: int,
     estimate: FloatArray,
     sent: FloatArray,
-    law: Law,
-    stages: Stages,
-    work: Work,
+    constants: FloatArray,
+    points: FloatArray,
+    faces: FloatArray,
+    model: FloatArray,
+    outputs: FloatArray,
     memory: FloatArray,
-    kept: FloatArray,
+    given: FloatArray,
     tick: FloatArray,
-    most: int,
-) -> int:
-    """Write the actions of tick `k` into the record `tick`; return the outcome of `plan`.
+) -> None:
+    """Write the error on which the MPC acts at tick `k` and its previous input into `given`.
 
-    Below 0 the QP is not solved: the caller writes its answer into `Work.steps`, the solver's
-    report into `tick`, and calls `conclude`.
+    The robust action, where there is one, goes into `MEMORY.action`, and what it finds into the
+    record `tick`. `plan` and `conclude` come next.
 
     Args:
         estimate: record `ESTIMATE`, finite.
         sent: command of the previous period (3,).
+        constants: with `points` and `faces` as of `Law`.
+        model: with `outputs` as of `Stages`.
         memory: record `MEMORY`.
-        kept: the plan of the backup: previous input and steps (m + m Nc,).
-        most: see `minimise`.
     """
-    e, s, t, given = (
-        record(estimate, ESTIMATE),
-        record(memory, MEMORY),
-        record(tick, TICK),
-        work.given,
-    )
-    r, x, on_map = law.reference[k], e.state, e.map_disturbance
+    e, s, t = record(estimate, ESTIMATE), record(memory, MEMORY), record(tick, TICK)
+    law, r, x = record(constants, LAW), record(points[k], POINT).state, e.state
+    on_map, disturbance, modelling, tube = e.map_disturbance, e.disturbance, t.tracking, t.tube
     dx, dy, cos, sin = r[0] - x[0], r[1] - x[1], math.cos(r[2]), math.sin(r[2])
     given[0], given[1] = cos * dx + sin * dy, cos * dy - sin * dx
     for i in range(2, _N):
-        given[i] = r[i] - x[i]
-    for i in range(2, 4):
-        given[i] -= _TURN * math.floor(given[i] / _TURN + 0.5)
+        error = r[i] - x[i]
+        given[i] = error - (_TURN * math.floor(error / _TURN + 0.5) if i < 4 else 0.0)
     # body-fixed and map-fixed part of the disturbance, see `map_disturbance_gain`
     cos, sin, v = math.cos(x[2]), math.sin(x[2]), x[6]
-    gear, yaw_rate = math.copysign(1.0, v), v * math.tan(x[4] + e.disturbance[2]) / law.wheelbase
+    gear, yaw_rate = math.copysign(1.0, v), v * math.tan(x[4] + disturbance[2]) / law.wheelbase
     by_x = -v * (cos / law.time_constant - yaw_rate * sin)
     by_y = -v * (sin / law.time_constant + yaw_rate * cos)
     of_map = (
@@ -236,38 +267,42 @@ def propose(
         gear * (cos * on_map[2] + sin * on_map[3]),
     )
     for i in range(5):
-        given[7 + i] = law.disturbances * (e.disturbance[i] - of_map[i])
+        given[7 + i] = law.disturbances * (disturbance[i] - of_map[i])
     for i in range(4):
         given[12 + i] = law.disturbances * on_map[i]
-        t.tracking[7 + i] = math.nan
+        modelling[7 + i] = math.nan
     for i in range(20):
-        t.tube[i] = math.nan
+        tube[i] = math.nan
+    feedforward, action, previous = (
+        record(points[max(k - 1, 0)], POINT).feedforward,
+        s.action,
+        s.previous,
+    )
     for i in range(_M):
-        given[16 + i] = law.feedforward[max(k - 1, 0), i] - sent[i]
-        s.action[i] = 0.0
+        given[16 + i] = previous[i] = feedforward[i] - sent[i]
+        action[i] = 0.0
     s.fallback = 0.0
     if law.kind != NOMINAL:
-        robust_part(k, law, stages, memory, given, tick)
+        robust_part(k, constants, points, faces, model, outputs, memory, given, tick)
     for i in range(_M):
-        s.previous[i] = given[16 + i]
-    outcome = plan(k, stages, work, most)
-    if outcome >= 0:
-        t.solver[0], t.solver[1], t.solver[2], t.solver[3] = 1.0, outcome, 0.0, 0.0
-        conclude(k, law, stages, work, memory, kept, tick)
-    return outcome
+        previous[i] = given[16 + i]
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def conclude(
     k: int,
-    law: Law,
-    stages: Stages,
-    work: Work,
+    outcome: int,
+    points: FloatArray,
+    reserve: FloatArray,
+    model: FloatArray,
+    limits: FloatArray,
+    given: FloatArray,
+    steps: FloatArray,
     memory: FloatArray,
     kept: FloatArray,
     tick: FloatArray,
 ) -> None:
-    """Write the actions of tick `k` for the plan in `Work.steps`; the rest is as of `propose`.
+    """Write the actions of tick `k` for the plan in `steps` into the record `tick`.
 
     With a backup plan, feedback and robust action have a sum from which all later plans exist; the
     robust action saturates there. Without a solution of the QP, the last plan is kept, and its
@@ -280,70 +315,63 @@ def conclude(
     first input that the robust action has moved away from them, they approach the plan at the rate
     that the tightening leaves. K m saturates at the share of the inputs that the tightening has
     reserved for it. A plan can be kept at every tick up to the last stage of its horizon.
+
+    Args:
+        outcome: of `plan`; below 0 the record has the report of a solver.
+        points: with `reserve` as of `Law`, `model` and `limits` as of `Stages`.
+        given: with `steps` as of `Work`.
+        memory: record `MEMORY`.
+        kept: the plan of the backup: previous input and steps (m + m Nc,).
     """
-    s, t, given, steps = record(memory, MEMORY), record(tick, TICK), work.given, work.steps
-    size, accepted, backed = steps.size, t.solver[0] == 1.0, law.reserve.shape[0] > 0
+    s, t, point = record(memory, MEMORY), record(tick, TICK), record(points[k], POINT)
+    solver, action, feedback, ancillary = t.solver, s.action, s.feedback, point.ancillary
+    plan_state, plan_input, state, control = s.plan_state, s.plan_input, s.state, t.control
+    coming, previous, feedforward = s.coming, s.previous, point.feedforward
+    if outcome >= 0:
+        solver[0], solver[1], solver[2], solver[3] = 1.0, outcome, 0.0, 0.0
+    size, accepted, backed = steps.size, solver[0] == 1.0, reserve.shape[0] > 0
+    made = int(s.made)
+    stage = k - made
     for i in range(_M):
-        low, high = stages.limits[k, 0, i], stages.limits[k, 1, i]
-        s.feedback[i] = min(max(given[16 + i] + steps[i], low), high)
+        feedback[i] = min(max(given[16 + i] + steps[i], limits[k, 0, i]), limits[k, 1, i])
     if not accepted:
         s.fallback = HELD
-    stage, moves = k - int(s.made), size // _M
-    if backed and not accepted and s.planned == k - 1 and stage < law.reserve.shape[0]:
-        s.fallback, moved = KEPT, np.empty(_N)
-        for i in range(_N):
-            total = 0.0
-            for c in range(16):
-                total += stages.model[k - 1, i, c] * s.plan_state[c]
-            for c in range(_M):
-                total += stages.model[k - 1, i, 16 + c] * s.plan_input[c]
-            moved[i] = total
-        at = size + _M * min(stage, moves - 1)
+    if backed and not accepted and s.planned == k - 1 and stage < reserve.shape[0]:
+        s.fallback, s.planned = KEPT, k
+        advance(k - 1, model, plan_state, plan_input, coming)
+        first = _M * min(stage, size // _M - 1)
         for i in range(_M):
-            planned = kept[i]
-            for j in range(min(stage + 1, moves)):
-                planned += kept[_M + _M * j + i]
-            low = s.plan_input[i] + stages.limits[int(s.made), 0, at + i]
-            high = s.plan_input[i] + stages.limits[int(s.made), 1, at + i]
-            s.plan_input[i] = s.feedback[i] = min(max(planned, low), high)
-            total, reserve = 0.0, law.reserve[stage, k, i]
+            planned, total, share = kept[i], 0.0, reserve[stage, k, i]
+            for j in range(i, first + i + 1, _M):
+                planned += kept[_M + j]
+            low = plan_input[i] + limits[made, 0, size + first + i]
+            high = plan_input[i] + limits[made, 1, size + first + i]
+            plan_input[i] = feedback[i] = min(max(planned, low), high)
             for j in range(_N):
-                total += law.ancillary[k, i, j] * (given[j] - moved[j])
-            s.action[i] = -min(max(total, -reserve), reserve)
+                total += ancillary[i, j] * (given[j] - coming[j])
+            action[i] = -min(max(total, -share), share)
         for i in range(16):
-            s.plan_state[i] = moved[i] if i < _N else given[i]
-        s.planned = k
-    if backed:
-        for i in range(_M):
-            low = max(stages.limits[k, 0, i], s.previous[i] + stages.limits[k, 0, size + i])
-            high = min(stages.limits[k, 1, i], s.previous[i] + stages.limits[k, 1, size + i])
-            total = max(min(s.feedback[i] - s.action[i], high), low)
-            s.action[i] = s.feedback[i] - total
-            if accepted:
-                s.plan_input[i] = total
-        if accepted:
-            s.made = s.planned = k
-            for i in range(16):
-                s.plan_state[i] = given[i]
-            for i in range(_M):
-                kept[i] = given[16 + i]
-            for i in range(size):
-                kept[_M + i] = steps[i]
-    s.last = k
-    for i in range(16):
-        s.state[i] = given[i]
-    if law.kind == TUBE_MPC:
-        for i in range(_N):
-            s.coming[i] = 0.0
-            for c in range(16):
-                s.coming[i] += stages.model[k, i, c] * given[c]
-            for c in range(_M):
-                s.coming[i] += stages.model[k, i, 16 + c] * s.feedback[c]
+            plan_state[i] = coming[i] if i < _N else given[i]
     for i in range(_M):
-        t.control[i, 0] = law.feedforward[k, i]
-        t.control[i, 1] = -s.feedback[i]
-        t.control[i, 2] = s.action[i]
-    t.law = s.fallback
+        total = feedback[i] - action[i]
+        if backed:
+            low = max(limits[k, 0, i], previous[i] + limits[k, 0, size + i])
+            high = min(limits[k, 1, i], previous[i] + limits[k, 1, size + i])
+            total = max(min(total, high), low)
+            action[i] = feedback[i] - total
+        if accepted:
+            plan_input[i], kept[i] = total, given[16 + i]
+        control[i, 0], control[i, 1], control[i, 2] = feedforward[i], -feedback[i], action[i]
+    if accepted:
+        s.made = s.planned = k
+        for i in range(size):
+            kept[_M + i] = steps[i]
+    for i in range(16):
+        state[i] = given[i]
+        if accepted:
+            plan_state[i] = given[i]
+    s.last, t.law = k, s.fallback
+    advance(k, model, state, feedback, coming)
 
 
 _EXCESS: Final = 1e-3  # [m], [rad] violation of the corridor from which it counts as left; assumed
@@ -391,11 +419,10 @@ class ArticulatedLaw(FeedbackLaw):
         sent: FloatArray,
         tick: FloatArray,
     ) -> None:
-        mpc, stages, work = self.mpc, self.horizon.stages, self.mpc.work
-        outcome = propose(
-            k, row, sent, self.law, stages, work, self._memory, self._kept, tick, mpc.most
-        )
+        mpc = self.mpc
         self._last, self.report = (row, sent), None
+        self._propose(k, row, sent, mpc.work, self._memory, tick)
+        outcome = mpc.plan(k, mpc.work)
         if outcome < 0:
             self.report, excess = mpc.answer(k, outcome)
             report, record = self.report, tick.view(TICK)[0]
@@ -406,7 +433,43 @@ class ArticulatedLaw(FeedbackLaw):
                 report.dual_residual,
             )
             record["leaves_corridor"] = excess is not None and bool((excess > _EXCESS).any())
-            conclude(k, self.law, stages, work, self._memory, self._kept, tick)
+        self._conclude(k, outcome, mpc.work, self._memory, self._kept, tick)
+
+    def prepare(self, k: int) -> None:
+        """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
+        if self._last:
+            work, memory, tick = self.mpc.beside, self._memory.copy(), new_tick()
+            self._propose(k, *self._last, work, memory, tick)
+            self.mpc.plan(k, work)
+            self._conclude(k, 0, work, memory, self._kept.copy(), tick)
+
+    def _propose(
+        self,
+        k: int,
+        row: FloatArray,
+        sent: FloatArray,
+        work: Work,
+        memory: FloatArray,
+        tick: FloatArray,
+    ) -> None:
+        constants, points, faces, _ = self.law
+        model, outputs, *_ = self.horizon.stages
+        propose(k, row, sent, constants, points, faces, model, outputs, memory, work.given, tick)
+
+    def _conclude(
+        self,
+        k: int,
+        outcome: int,
+        work: Work,
+        memory: FloatArray,
+        kept: FloatArray,
+        tick: FloatArray,
+    ) -> None:
+        _, points, _, reserve = self.law
+        model, _, limits, *_ = self.horizon.stages
+        conclude(
+            k, outcome, points, reserve, model, limits, work.given, work.steps, memory, kept, tick
+        )
 
     @property
     def plan(self) -> FloatArray:
@@ -419,7 +482,7 @@ class ArticulatedLaw(FeedbackLaw):
         return self.path.less(at, self.horizon.outputs(at, plans))
 
     def predicted_path(self, k: int) -> FloatArray:
-        return self.path.less(k, self.horizon.planned(k, self.mpc.work))
+        return self.path.under(k, self.mpc.work, self.horizon.stages.outputs)
 
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""
@@ -439,38 +502,37 @@ class ArticulatedLaw(FeedbackLaw):
             leaves_corridor=bool(t["leaves_corridor"]),
         )
 
-    def prepare(self, k: int) -> None:
-        """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
-        if self._last:
-            propose(
-                k,
-                *self._last,
-                self.law,
-                self.horizon.stages,
-                self.mpc.beside,
-                self._memory.copy(),
-                self._kept.copy(),
-                new_tick(),
-                self.mpc.most,
-            )
 
+def law_of(
+    kind: int,
+    reference: FloatArray,
+    feedforward: FloatArray,
+    vehicle: Vehicle,
+    *,
+    faces: FloatArray | None = None,
+    reserve: FloatArray | None = None,
+    **fields: FloatArray | float,
+) -> Law:
+    """Return the law of a kind; `fields` are those of `LAW` and of `POINT` that it does not lack.
 
-def law_of(kind: int, reference: FloatArray, feedforward: FloatArray, vehicle: Vehicle) -> Law:
-    """Return the law of a kind without gains and sets, of which `Law._replace` makes others."""
-    none = np.zeros((0, _M, _N))
+    `reference` (T + 1, 7) and `feedforward` (T, 3) are those of the ticks.
+    """
+    constants = np.zeros(LAW.itemsize // 8)
+    points = np.zeros((len(feedforward), POINT.itemsize // 8))
+    fields |= {
+        "kind": kind,
+        "wheelbase": vehicle.wheelbase,
+        "time_constant": vehicle.speed_time_constant,
+        "state": reference[: len(feedforward)],
+        "feedforward": feedforward,
+    }
+    for name, values in fields.items():
+        of_law = name in (LAW.names or ())
+        target = constants.view(LAW)[0] if of_law else points.view(POINT)[:, 0]
+        target[name] = values
     return Law(
-        kind=kind,
-        reference=reference,
-        feedforward=feedforward,
-        wheelbase=vehicle.wheelbase,
-        time_constant=vehicle.speed_time_constant,
-        disturbances=1.0,
-        gains=none,
-        limit=np.zeros(_M),
-        forgetting=0.0,
-        ancillary=none,
-        reserve=np.zeros((0, 0, _M)),
-        faces=np.zeros((0, _N)),
-        rows=none,
-        half_widths=np.zeros((0, 9)),
+        constants,
+        points,
+        np.zeros((0, 0, _N)) if faces is None else faces,
+        np.zeros((0, 0, _M)) if reserve is None else reserve,
     )

@@ -6,7 +6,7 @@ from typing import ClassVar, Final, Self
 
 import numpy as np
 
-from ..errors import check_flag
+from ..errors import check_choice, check_flag
 from ..mpc.articulated_error import (
     PredictedPath,
     corridor_bounds,
@@ -15,7 +15,7 @@ from ..mpc.articulated_error import (
 )
 from ..mpc.lmpc import CondensedHorizon, HorizonTuning
 from ..reference.corridor import SpeedTube
-from ..reference.reference import Reference, ReferenceSample
+from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
 from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows, tightened
 from ..types import FloatArray, State
 from ..vehicle import CommandLimits, Vehicle
@@ -81,6 +81,7 @@ class NominalOptions(MpcOptions):
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
     corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
+    guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
     # Half widths that tractor and trailer keep about the path: h_0, and h_1 by which they grow with
     # the speed. Whoever plans the reference drives a corridor as slowly as they ask, see
     # `ttempc.reference.corridor.SpeedTube`.
@@ -98,6 +99,7 @@ class NominalOptions(MpcOptions):
         MpcOptions.__post_init__(self)
         check_flag("disturbances", self.disturbances)
         check_flag("corridor", self.corridor)
+        check_choice("guided", self.guided, GUIDED)
         SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
 
 
@@ -142,36 +144,31 @@ def articulated_law(
     """
     a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
     bounds = remaining_bounds(feedforward, CommandLimits.of(reference.vehicle, period_s))
-    law = law_of(NOMINAL, grid.state, feedforward, reference.vehicle)
-    law = law._replace(disturbances=float(options.disturbances))
-    tube = soft = None
+    kind, tube, soft = NOMINAL, None, None
+    parts: dict[str, FloatArray | float] = {"disturbances": float(options.disturbances)}
     if robust:
-        law = law._replace(
-            kind=ONE_STEP if robust.nominal == "one-step" else TUBE_READING,
-            gains=robust_gains(a, b, c, robust) / np.array(robust.saturation)[:, None],
-            limit=np.array(robust.saturation),
-            forgetting=math.exp(-period_s / robust.memory_s),
-        )
+        kind = ONE_STEP if robust.nominal == "one-step" else TUBE_READING
+        parts["limit"] = np.array(robust.saturation)
+        parts["gains"] = robust_gains(a, b, c, robust) / parts["limit"][:, None]
+        parts["forgetting"] = math.exp(-period_s / robust.memory_s)
         if robust.tightening == "saturation":
             reserved = np.tile(robust.saturation, (len(feedforward), 1))
             bounds = tightened(bounds, reserved, np.zeros_like(reserved), period_s)
         elif robust.tightening == "tube" and design:
             tube = GrowingTube.along(design, a, b, c, feedforward, tuning)
-            law = law._replace(ancillary=tube.gains, reserve=tube.reserve)
-    if design and law.kind == ONE_STEP:
+            parts |= {"ancillary": tube.gains, "reserve": tube.reserve}
+    if design and kind == ONE_STEP:
         rows = report_rows(c[:-1, :, : len(State)])
         flat = rows.reshape(-1, len(State))
         width = design.disturbance.support(flat) + design.estimate_error.support(flat)
-        law = law._replace(
-            faces=np.ascontiguousarray(design.disturbance.faces),
-            rows=rows,
-            half_widths=width.reshape(rows.shape[:2]),
-        )
+        faces = np.ascontiguousarray(design.disturbance.faces)[None]
+        parts |= {"faces": faces, "rows": rows, "half_widths": width.reshape(rows.shape[:2])}
     if reference.corridor and options.corridor:
         first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
         soft = corridor_bounds(reference.corridor, grid, c, first)
     of_plan = tube.bounds if tube else None
     horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft)
+    law = law_of(kind, grid.state, feedforward, reference.vehicle, **parts)
     return ArticulatedLaw(law, horizon, PredictedPath(grid))
 
 
@@ -194,6 +191,7 @@ def articulated_controller(
     """
     if design:
         design.require(vehicle, period_s)
+    reference = guided(reference, options.guided)
     speed = reference.speed.top_speed
     tuning, robust = options.for_vehicle(vehicle, speed, period_s), None
     if isinstance(options, ArticulatedOptions) and options.robust:

@@ -8,7 +8,7 @@ from ..mpc.articulated_error import PredictedPath
 from ..mpc.lmpc import CondensedHorizon
 from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import ReferenceTube, TubeDesign, report_rows
-from ..types import FloatArray, State
+from ..types import FloatArray
 from ..vehicle import Vehicle
 from .articulated_law import TUBE_MPC, ArticulatedLaw, law_of
 from .articulated_mpc import MpcOptions
@@ -44,8 +44,16 @@ def tube_law(
     # States, trailer point and inputs of the deviation, each divided by its half width.
     widths = np.concatenate([tube.states, tube.outputs[:, 2:], tube.inputs], axis=1)
     faces = np.concatenate([rows, gains], axis=1) / widths[..., None]  # (T, 12, 7)
-    law = law_of(TUBE_MPC, grid.state, along.feedforward, along.vehicle)._replace(
-        gains=gains, faces=faces.reshape(-1, len(State)), rows=rows, half_widths=along.half_widths
+    law = law_of(
+        TUBE_MPC,
+        grid.state,
+        along.feedforward,
+        along.vehicle,
+        disturbances=1.0,
+        gains=gains,
+        faces=faces,
+        rows=rows,
+        half_widths=along.half_widths,
     )
     return ArticulatedLaw(law, horizon, PredictedPath(grid))
 

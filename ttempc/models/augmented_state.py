@@ -52,10 +52,12 @@ class AugmentedState(IntEnum):
     CLIMB_Y = 15  # wheel slip on the way north
     GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
     GNSS_Y = 17  # [m] north
-    GYRO_T = 18  # [rad/s] bias of the tractor's gyro
-    GYRO_I = 19  # [rad/s] bias of the trailer's
-    PAST_T = 20  # [rad] yaw of the tractor at the last sample of its gyro
-    PAST_I = 21  # [rad] the same of the trailer
+    OFFSET_I = 18  # [rad] offset of the sensor of the trailer's steering angle
+    OFFSET_HITCH = 19  # [rad] of the hitch angle; `STEERING` takes up that of the front
+    GYRO_T = 20  # [rad/s] bias of the tractor's gyro
+    GYRO_I = 21  # [rad/s] bias of the trailer's
+    PAST_T = 22  # [rad] yaw of the tractor at the last sample of its gyro
+    PAST_I = 23  # [rad] the same of the trailer
 
 
 STATES: Final = len(State)
@@ -63,10 +65,10 @@ SIZE: Final = len(AugmentedState)
 _OF_MAP: Final = len(MapDisturbance)
 
 DISTURBANCE_BOUND: Final[FloatArray] = np.array(
-    [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 0.1, 0.1, math.inf, math.inf]
+    [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 0.1, 0.1, 0.1, 0.1, np.inf, np.inf]
 )
-"""Largest magnitude of each disturbance, (15,): twice that of a vehicle that can be steered; of
-GNSS and gyros, more than any sensor in order has; none of the past yaw."""
+"""Largest magnitude of each disturbance, (17,): twice that of a vehicle that can be steered; of
+sensors, more than any sensor in order has; none of the past yaw."""
 
 _V_DEPENDS_ON: Final = (
     int(AugmentedState.PSI_T),
@@ -89,7 +91,7 @@ class Slips(NamedTuple):
 
 
 def slips(augmented: FloatArray) -> Slips:
-    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (22,).
+    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (24,).
 
     e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`. Both
     map-fixed terms change their sign in reverse, where the vehicle climbs with its back and still
@@ -142,9 +144,9 @@ def estimate_of(
     vehicle: Vehicle,
     innovations: Sequence[Innovation] = (),
 ) -> Estimate:
-    """Return the estimate for a controller from an augmented state (22,), see `write_estimate`.
+    """Return the estimate for a controller from an augmented state (24,), see `write_estimate`.
 
-    `covariance` is (22, 22).
+    `covariance` is (24, 24).
     """
     row = np.full(ESTIMATE.itemsize // 8, math.nan)
     write_estimate(augmented, covariance, vehicle_parameters(vehicle), row)
@@ -156,11 +158,11 @@ def estimate_of(
 def write_estimate(
     x: FloatArray, covariance: FloatArray, parameters: FloatArray, estimate: FloatArray
 ) -> None:
-    """Write what an `ESTIMATE` has of an augmented state `x` (22,) and its `covariance` P (22, 22).
+    """Write what an `ESTIMATE` has of an augmented state `x` (24,) and its `covariance` P (24, 24).
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (10,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (11,).
     """
     e = estimate.view(ESTIMATE)[0]
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -231,6 +233,7 @@ class VehicleParameter(IntEnum):
     STEERING_LAG_I = 7
     STEERING_RATE_T = 8
     STEERING_RATE_I = 9
+    TRAILER_TURNING_OFFSET = 10
 
 
 class SensorIndex(IntEnum):
@@ -247,7 +250,7 @@ class SensorIndex(IntEnum):
 
 
 def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (10,), SI units."""
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (11,), SI units."""
     return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
 
 
@@ -279,7 +282,8 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     rim = x[AugmentedState.RIM]
     wheelbase = parameters[VehicleParameter.WHEELBASE]
     a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    turning = parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH] + turning
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     gear = math.copysign(1.0, rim)
     gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
@@ -308,13 +312,14 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
 def state_rate_jacobian(
     x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
 ) -> None:
-    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 22)."""
+    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 24)."""
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
     rim = x[AugmentedState.RIM]
     wheelbase = parameters[VehicleParameter.WHEELBASE]
     a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    turning = parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH] + turning
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     sin_p, cos_p = math.sin(psi_i), math.cos(psi_i)
     gear = math.copysign(1.0, rim)
@@ -390,13 +395,13 @@ def move_augmented_state(
     inputs: FloatArray,
     faded: FloatArray,
 ) -> None:
-    """Advance `x` (22,) and `valves` (2,) by `step_s` in place.
+    """Advance `x` (24,) and `valves` (2,) by `step_s` in place.
 
     The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
     limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
     Disturbances fade by exp(-a step_s - b travel) with the halves a [1/s], b [1/m] of `fading`
-    (30,). Written are the state in the `middle` of the step (22,), the `inputs` that act (3,) and
-    the logarithm of the factor by which each disturbance fades, `faded` (15,).
+    (34,). Written are the state in the `middle` of the step (24,), the `inputs` that act (3,) and
+    the logarithm of the factor by which each disturbance fades, `faded` (17,).
     """
     inputs[Input.HP] = command[Input.HP]
     for i in range(2):
@@ -436,8 +441,8 @@ def advance_augmented_state(
 ) -> None:
     """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
 
-    `transition` (22, 24), contiguous, is the exponential of the Jacobian in the middle of the step;
-    the last two columns are 0. `x` may have entries beside.
+    `transition` (24, 24), contiguous, is the exponential of the Jacobian in the middle of the step.
+    `x` may have entries beside.
     """
     middle, inputs, faded = np.empty(len(x)), np.empty(3), np.empty(SIZE - STATES)
     move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
@@ -478,7 +483,7 @@ def measure(
     reading: FloatArray,
     jacobian: FloatArray,
 ) -> int:
-    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 22).
+    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 24).
 
     Returns the number of entries of the reading, 1 or 2. `sensor` is a `SensorIndex` as a number.
     The reading of a gyro is the integral of its yaw rate over the time `span_s` since its last
@@ -514,8 +519,8 @@ def measure(
         return 2
     if sensor == SensorIndex.HITCH:
         psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-        reading[0] = psi_t - psi_i - x[AugmentedState.DELTA_I]
-        jacobian[0, AugmentedState.PSI_T] = 1.0
+        reading[0] = psi_t - psi_i - x[AugmentedState.DELTA_I] + x[AugmentedState.OFFSET_HITCH]
+        jacobian[0, AugmentedState.PSI_T] = jacobian[0, AugmentedState.OFFSET_HITCH] = 1.0
         jacobian[0, AugmentedState.PSI_I] = -1.0
         jacobian[0, AugmentedState.DELTA_I] = -1.0
         return 1
@@ -534,6 +539,9 @@ def measure(
         entry = AugmentedState.RIM
     reading[0] = x[entry]
     jacobian[0, entry] = 1.0
+    if entry == AugmentedState.DELTA_I:
+        reading[0] += x[AugmentedState.OFFSET_I]
+        jacobian[0, AugmentedState.OFFSET_I] = 1.0
     return 1
 
 
@@ -560,9 +568,9 @@ ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sen
 def predicted_measurement(
     sensor: Sensor, augmented: FloatArray, vehicle: Vehicle
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 22).
+    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 24).
 
-    Both at an augmented state (22,). The encoder reads the rim speed, the others geometry.
+    Both at an augmented state (24,). The encoder reads the rim speed, the others geometry.
 
     Raises:
         UnknownSensor: the sensor has no model.

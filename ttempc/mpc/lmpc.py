@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidTuning, check_choice, check_count, check_vector
 from ..jit import cached_njit
 from ..models.kinematics import Error
-from ..types import FloatArray, Input, SolverReport
+from ..types import FloatArray, Input, Shared, SolverReport
 from .qp import (
     FREE,
     HOLDS,
@@ -157,33 +157,37 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
     Column i of the response is that to a step of the input i mod m at stage i / m, which lasts.
     """
     horizon, r, size = work.response.shape
-    m, outputs = stages.step_weight.size, stages.output_weight.size
-    given = stages.model.shape[2] - m
-    response, hessian, row = work.response, work.hessian, np.empty(size)
+    model, outputs, weights, costs = (
+        stages.model,
+        stages.outputs,
+        stages.output_weight,
+        stages.step_weight,
+    )
+    response, hessian, row, m = work.response, work.hessian, np.empty(size), costs.size
+    given = model.shape[2] - m
     for a in range(size):
         for b in range(a + 1):
             hessian[a, b] = 0.0
     for j in range(horizon):
         before, now = min(m * j, size), min(m * (j + 1), size)
-        model = stages.model[k + j]
         for i in range(r):
             for a in range(now):
-                response[j, i, a] = model[i, given + a % m]
+                response[j, i, a] = model[k + j, i, given + a % m]
             for a in range(now, size):
                 response[j, i, a] = 0.0
             for n in range(r):
-                slope = model[i, n]
+                slope = model[k + j, i, n]
                 if slope != 0.0:
                     for a in range(before):
                         response[j, i, a] += slope * response[j - 1, n, a]
-        for p in range(outputs):
-            weight = stages.output_weight[p]
+        for p in range(weights.size):
+            weight = weights[p]
             if weight == 0.0:
                 continue
             for a in range(now):
                 row[a] = 0.0
             for n in range(r):
-                slope = stages.outputs[k + j + 1, p, n]
+                slope = outputs[k + j + 1, p, n]
                 if slope != 0.0:
                     for a in range(now):
                         row[a] += slope * response[j, n, a]
@@ -192,7 +196,7 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
                 for b in range(a + 1):
                     hessian[a, b] += weighted * row[b]
     for a in range(size):
-        hessian[a, a] += 2.0 * stages.step_weight[a % m]
+        hessian[a, a] += 2.0 * costs[a % m]
         for b in range(a):
             hessian[b, a] = hessian[a, b]
     convex = factorise(hessian, work.factor)
@@ -201,94 +205,87 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
-def plan(k: int, stages: Stages, work: Work, most: int) -> int:
-    """Write the steps of tick `k` that minimise the cost for `Work.given`; see `minimise`.
+def pose(k: int, stages: Stages, work: Work) -> None:
+    """Write free response, gradient and limits of tick `k` for `Work.given`, after `condense`.
 
     A previous input from which no step leads into the bounds is moved to the nearest other one
-    first: the QP is infeasible there. Where soft bounds are not slack the problem is `UNSOLVED`.
+    first: the QP is infeasible there.
     """
-    if work.tick[0] != k and not condense(k, stages, work):
-        return NOT_CONVEX
     horizon, r, size = work.response.shape
-    m, outputs = stages.step_weight.size, stages.output_weight.size
-    n, given, free = stages.model.shape[2] - m, work.given, work.free
+    model, outputs, limits, weights = (
+        stages.model,
+        stages.outputs,
+        stages.limits,
+        stages.output_weight,
+    )
+    given, free, gradient, left = work.given, work.free, work.gradient, work.limits
+    m = stages.step_weight.size
+    n = model.shape[2] - m
     for i in range(m):
-        low = stages.limits[k, 0, i] - stages.limits[k, 1, size + i]
-        high = stages.limits[k, 1, i] - stages.limits[k, 0, size + i]
+        low = limits[k, 0, i] - limits[k, 1, size + i]
+        high = limits[k, 1, i] - limits[k, 0, size + i]
         given[n + i] = min(max(given[n + i], low), high)
     for i in range(r):
         free[0, i] = given[i]
     for j in range(horizon):
         for i in range(r):
             total = 0.0
-            for c in range(r):
-                total += stages.model[k + j, i, c] * free[j, c]
-            for c in range(r, n + m):
-                total += stages.model[k + j, i, c] * given[c]
+            for c in range(n + m):
+                total += model[k + j, i, c] * (free[j, c] if c < r else given[c])
             free[j + 1, i] = total
-    slope, ahead = np.zeros(r), np.zeros(r)  # of the cost by the state of a stage
-    lasting = np.zeros(m)  # of the cost by an input that lasts from a stage on
+    slope, ahead = np.empty(r), np.empty(r)  # of the cost by the state of a stage
+    lasting = np.empty(m)  # of the cost by an input that lasts from a stage on
+    for i in range(r):
+        slope[i] = 0.0
+    for c in range(m):
+        lasting[c] = 0.0
     for j in range(horizon - 1, -1, -1):
         for i in range(r):
-            ahead[i] = slope[i]
-        for p in range(outputs):
+            ahead[i], slope[i] = slope[i], 0.0
+        for p in range(weights.size):
             error = 0.0
             for i in range(r):
-                error += stages.outputs[k + j + 1, p, i] * free[j + 1, i]
-            error *= 2.0 * stages.output_weight[p]
+                error += outputs[k + j + 1, p, i] * free[j + 1, i]
+            error *= 2.0 * weights[p]
             for i in range(r):
-                ahead[i] += error * stages.outputs[k + j + 1, p, i]
-        for i in range(r):
-            slope[i] = 0.0
+                ahead[i] += error * outputs[k + j + 1, p, i]
         for i in range(r):
             for c in range(r):
-                slope[c] += stages.model[k + j, i, c] * ahead[i]
+                slope[c] += model[k + j, i, c] * ahead[i]
             for c in range(m):
-                lasting[c] += stages.model[k + j, i, n + c] * ahead[i]
+                lasting[c] += model[k + j, i, n + c] * ahead[i]
         if m * j < size:
             for c in range(m):
-                work.gradient[m * j + c] = lasting[c]
-    for c in range(2 * size):
-        shift = given[n + c % m] if c < size else 0.0
-        work.limits[0, c] = stages.limits[k, 0, c] - shift
-        work.limits[1, c] = stages.limits[k, 1, c] - shift
+                gradient[m * j + c] = lasting[c]
+    for side in range(2):
+        for c in range(2 * size):
+            left[side, c] = limits[k, side, c] - (given[n + c % m] if c < size else 0.0)
     for c in range(m):  # the first input and the first step are bounded alike
         both = size + c
-        work.limits[0, c] = work.limits[0, both] = max(work.limits[0, c], work.limits[0, both])
-        work.limits[1, c] = work.limits[1, both] = min(work.limits[1, c], work.limits[1, both])
-    steps = work.steps
-    outcome = minimise(
-        work.hessian,
-        work.factor,
-        work.gradient,
-        stages.matrix,
-        work.limits,
-        work.active,
-        most,
-        steps,
-    )
-    if outcome < 0:
-        return outcome
-    for i in range(size):
-        steps[i] = min(max(steps[i], work.limits[0, size + i]), work.limits[1, size + i])
-    if stages.soft_rows.shape[0]:
-        state = np.empty(r)
-        for j in range(stages.soft_first, horizon + 1):
+        left[0, c] = left[0, both] = max(left[0, c], left[0, both])
+        left[1, c] = left[1, both] = min(left[1, c], left[1, both])
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def are_slack(k: int, stages: Stages, work: Work) -> bool:
+    """Whether the steps of tick `k` keep to all soft bounds."""
+    horizon, r, size = work.response.shape
+    rows, limits, state = stages.soft_rows, stages.soft_limits, np.empty(r)
+    for j in range(stages.soft_first, horizon + 1):
+        for i in range(r):
+            state[i] = work.free[j, i]
+            for a in range(size):
+                state[i] += work.response[j - 1, i, a] * work.steps[a]
+        for p in range(rows.shape[1]):
+            value = 0.0
             for i in range(r):
-                state[i] = free[j, i]
-                for a in range(size):
-                    state[i] += work.response[j - 1, i, a] * steps[a]
-            for p in range(stages.soft_rows.shape[1]):
-                value = 0.0
-                for i in range(r):
-                    value += stages.soft_rows[k + j, p, i] * state[i]
-                low, high = stages.soft_limits[k + j, 0, p], stages.soft_limits[k + j, 1, p]
-                if not low - HOLDS <= value <= high + HOLDS:
-                    return UNSOLVED
-    return outcome
+                value += rows[k + j, p, i] * state[i]
+            if not limits[k + j, 0, p] - HOLDS <= value <= limits[k + j, 1, p] + HOLDS:
+                return False
+    return True
 
 
-class CondensedHorizon:
+class CondensedHorizon(Shared):
     """QPs of all ticks along a reference; only the state and the previous input are left open.
 
     The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). The states of the
@@ -378,11 +375,12 @@ class CondensedHorizon:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
         work = self.work()
         work.given[:] = *state, *previous_input
-        plan(k, self.stages, work, -1)
+        condense(k, self.stages, work)
+        pose(k, self.stages, work)
         return self.problem(k, work)
 
     def problem(self, k: int, work: Work) -> QP:
-        """Return the QP of tick `k` that `plan` has left in `work`."""
+        """Return the QP of tick `k` that `pose` has left in `work`."""
         size, (lower, upper) = len(work.gradient), work.limits
         return QP(
             hessian=work.hessian,
@@ -409,12 +407,6 @@ class CondensedHorizon:
             upper=np.minimum(limits[:, 1].ravel(), FREE) - offset,
             outputs=rows.shape[1],
         )
-
-    def planned(self, k: int, work: Work) -> FloatArray:
-        """Return `outputs` of tick `k` alone, of which `work` has response and steps, (Np, p)."""
-        states = work.free[1:] + work.response @ work.steps
-        outputs = self.stages.outputs[k + 1 : k + 1 + self.horizon]
-        return (outputs @ states[..., None])[..., 0]
 
     def outputs(self, ticks: Sequence[int] | NDArray[np.intp], plans: FloatArray) -> FloatArray:
         """Return C z_{k+1} ... C z_{k+Np} at T ticks under their plans, (T, Np, p).
@@ -491,10 +483,24 @@ class LinearMpc:
         """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
         work, m = self.work, len(previous)
         work.given[:-m], work.given[-m:] = state, previous
-        report, excess = self.answer(k, plan(k, self.horizon.stages, work, self.most))
+        report, excess = self.answer(k, self.plan(k, work))
         u = self.horizon.first.clamp(k, work.given[-m:] + work.steps[:m])
         fallback = "" if report.accepted else f"QP {report.status}: previous feedback held"
         return FeedbackAction(u, np.concatenate([work.given, work.steps]), report, fallback, excess)
+
+    def plan(self, k: int, work: Work) -> int:
+        """Write the steps of tick `k` for `Work.given`; below 0 `answer` is to complete them."""
+        stages = self.horizon.stages
+        if work.tick[0] != k and not condense(k, stages, work):
+            return NOT_CONVEX
+        pose(k, stages, work)
+        _, hessian, factor, _, _, _, gradient, limits, active, steps = work
+        outcome = minimise(
+            hessian, factor, gradient, stages.matrix, limits, active, self.most, steps
+        )
+        if outcome >= 0 and len(stages.soft_rows) and not are_slack(k, stages, work):
+            return UNSOLVED
+        return outcome
 
     def answer(self, k: int, outcome: int) -> tuple[SolverReport, FloatArray | None]:
         """Complete `Work.steps` after the `outcome` of `plan`: by the solver, or with zeros.
@@ -519,4 +525,4 @@ class LinearMpc:
     def prepare(self, k: int) -> None:
         """Condense tick `k` and plan it for the data of the last step, to fill the caches."""
         self.beside.given[:] = self.work.given
-        plan(k, self.horizon.stages, self.beside, self.most)
+        self.plan(k, self.beside)

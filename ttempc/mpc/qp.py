@@ -124,7 +124,7 @@ REFUSED: Final = MappingProxyType(
 _DEPENDENT: Final = 1e-10  # share of a row that others leave, below which it depends on them
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def factorise(hessian: FloatArray, factor: FloatArray) -> bool:
     """Write the Cholesky factor of H (n, n) into `factor`; whether H is finite and convex."""
     n = hessian.shape[0]
@@ -184,10 +184,11 @@ def minimise(
             rest -= factor[i, k] * right[k]
         right[i] = rest / factor[i, i]
     size, started = rows + n, False
-    multiplier, shifted, of_rows = np.zeros(size), np.empty((n, n)), np.empty((n, n))
+    multiplier, shifted, of_rows = np.empty(size), np.empty((n, n)), np.empty((n, n))
     chosen = np.empty(n, np.int64)
     for c in range(size):
         started |= active[c] != 0.0
+        multiplier[c] = 0.0
     for tried in range(most + 1):
         count = 0
         if tried > 0:  # multipliers of the active rows: (V'V) y = excess, V = L^-1 G'
@@ -279,6 +280,8 @@ def minimise(
                         rest += multiplier[c]
                 if not abs(rest) <= _STATIONARY * scale:
                     return UNSOLVED
+            for i in range(n):
+                x[i] = min(max(x[i], limits[0, rows + i]), limits[1, rows + i])
             return tried
     for c in range(size):
         active[c] = 0.0

@@ -7,7 +7,7 @@ import pytest
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.scenario.scenario import dump, load, shipped
-from proving_ground.testbed.vehicle.vehicle import find_vehicle, read_vehicle
+from proving_ground.testbed.vehicle.vehicle import VEHICLES, read_vehicle
 
 from ttempc.errors import InvalidPath, TtempcError
 from ttempc.vehicle import Vehicle
@@ -36,7 +36,7 @@ def test_plant_and_model_come_from_one_file():
 
 
 def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewhere(tmp_path):
-    text = find_vehicle("kayacan2016").read_text()
+    text = VEHICLES.find("kayacan2016").read_text()
     (tmp_path / "mine.toml").write_text(text.replace("length_m = 1.3 ", "length_m = 1.7 "))
     file = tmp_path / "field.toml"
     file.write_text('[plant.vehicle]\nfile = "mine.toml"\n')

@@ -6,24 +6,24 @@ import re
 import numpy as np
 import pytest
 from proving_ground.testbed.errors import InvalidPlant
-from proving_ground.testbed.vehicle.servos import drive_servo, steering_servos
+from proving_ground.testbed.ground.terrain import flat
+from proving_ground.testbed.vehicle.servos import drive_servo
 from proving_ground.testbed.vehicle.vehicle import (
     GRAVITY,
+    VEHICLES,
     AxleLoads,
-    find_vehicle,
     knuckle_angle,
     read_vehicle,
-    shipped_vehicles,
 )
-from proving_ground.testbed.vehicle.vehicle_model import linkage_polynomial
+from proving_ground.testbed.vehicle.vehicle_model import build_spec, linkage_polynomial
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 
-NAMES = shipped_vehicles()
+NAMES = VEHICLES.names()
 
 
 def edited(tmp_path, table, key, value, name="kayacan2016"):
     """Return a copy of a shipped file in which one key of a table says something else."""
-    text = find_vehicle(name).read_text()
+    text = VEHICLES.find(name).read_text()
     pattern = rf"(?ms)(^\[{table}\].*?^{key} = )[^#\n]*"
     text, count = re.subn(pattern, lambda match: match[1] + value + " ", text, count=1)
     assert count == 1
@@ -65,7 +65,7 @@ def test_impossible_vehicles_are_refused_with_file_key_and_reason(tmp_path):
         assert str(caught.value).startswith(f"{file}: ")
         assert message in str(caught.value)
         assert "\n" not in str(caught.value)
-    text = find_vehicle("kayacan2016").read_text()
+    text = VEHICLES.find("kayacan2016").read_text()
     file = tmp_path / "mine.toml"
     file.write_text(text[: text.index("[hydrostat]")])
     with pytest.raises(InvalidPlant, match=r"mine\.toml: hydrostat: "):
@@ -117,12 +117,17 @@ def test_servos_are_as_strong_as_the_vehicle_is_heavy(name):
         drawbar=dataclasses.replace(vehicle.drawbar, mass_kg=1.2 * vehicle.drawbar.mass_kg),
         trailer=dataclasses.replace(trailer, mass_kg=1.2 * trailer.mass_kg),
     )
-    for before, after in zip(steering_servos(vehicle), steering_servos(heavy), strict=True):
-        assert after.torque == pytest.approx(1.2 * before.torque)
-        assert after.damping / after.stiffness == pytest.approx(before.damping / before.stiffness)
-    before, after = (drive_servo(each, SoilLaw()) for each in (vehicle, heavy))
-    assert after.torque == pytest.approx(1.2 * before.torque)
-    assert after.wheel_speed > before.wheel_speed  # it slips more
+    before, after = (
+        build_spec(each, flat((4.0, 4.0)), "soil", SoilLaw(), 0.002).compile()
+        for each in (vehicle, heavy)
+    )
+    np.testing.assert_allclose(after.actuator_forcerange, 1.2 * before.actuator_forcerange)
+    for model in (before, after):
+        _, stiffness, damping = -model.actuator_biasprm[:2, :3].T
+        lags = vehicle.front_steering.lag_s, vehicle.trailer_steering.lag_s
+        np.testing.assert_allclose(damping / stiffness, lags)
+    (_, speed, *_), (_, heavy_speed, *_) = (drive_servo(of, SoilLaw()) for of in (vehicle, heavy))
+    assert heavy_speed > speed  # it slips more
 
 
 def test_a_drive_quicker_than_its_own_tyres_is_refused():

@@ -13,8 +13,10 @@ from tests.ttempc.tubes import DESIGN, REFERENCE, VEHICLE
 from ttempc.errors import InvalidTube
 from ttempc.laws.articulated_law import (
     EXHAUSTED,
+    LAW,
     MEMORY,
     ONE_STEP,
+    POINT,
     TUBE_READING,
     law_of,
     report_tube,
@@ -51,8 +53,11 @@ class RobustPart:
         a, b, c = model()
         kind = ONE_STEP if tuning.nominal == "one-step" else TUBE_READING
         self.stages = CondensedHorizon(a, b, MpcOptions(), PERIOD_S, c).stages
-        law = law_of(kind, np.zeros((TICKS, 7)), np.zeros((TICKS, 3)), Vehicle())
-        self.law = law._replace(
+        self.law = law_of(
+            kind,
+            np.zeros((TICKS, 7)),
+            np.zeros((TICKS, 3)),
+            Vehicle(),
             gains=robust_gains(a, b, c, tuning) / np.array(tuning.saturation)[:, None],
             limit=np.array(tuning.saturation),
             forgetting=math.exp(-PERIOD_S / tuning.memory_s),
@@ -64,14 +69,18 @@ class RobustPart:
     def step(self, k, error, previous):
         """Return action, modelling error, the error on which the MPC acts, exhaustion."""
         given, tick = np.concatenate([error, previous]), new_tick()
-        self.record["fallback"] = 0.0
-        robust_part(k, self.law, self.stages, self.memory, given, tick)
+        self.record["fallback"], self.record["previous"] = 0.0, previous
+        constants, points, faces, _ = self.law
+        model, outputs, *_ = self.stages
+        robust_part(k, constants, points, faces, model, outputs, self.memory, given, tick)
         modelling_error = tick.view(TICK)[0]["tracking"][7:]
         exhausted = self.record["fallback"] == EXHAUSTED
         return self.record["action"].copy(), modelling_error, given[:SIZE], exhausted
 
     def sent(self, k, mpc_state, feedback):
-        self.record["last"], self.record["state"], self.record["feedback"] = k, mpc_state, feedback
+        record = self.record
+        record["last"], record["state"], record["feedback"] = k, mpc_state, feedback
+        record["coming"] = self.stages.model[k] @ np.concatenate([mpc_state, feedback])
 
 
 each_reading = pytest.mark.parametrize("tuning", [LqRobustTuning(), TUBE])
@@ -122,7 +131,8 @@ def test_autocorrelation_is_the_correlation_of_a_signal_with_its_past():
     law, signal = RobustPart(LqRobustTuning(memory_s=20.0)), np.zeros(3)
     gains = np.zeros((TICKS, 3, 7))
     gains[:, range(3), range(3)] = 1.0
-    law.law = law.law._replace(gains=gains, limit=np.ones(3))
+    law.law.points.view(POINT)["gains"][:, 0] = gains
+    law.law.constants.view(LAW)["limit"] = 1.0
     law.sent(0, np.zeros(SIZE), np.zeros(3))  # the nominal state of tick 1 is 0
     estimates = []
     for _ in range(3000):
@@ -192,7 +202,7 @@ def test_what_lies_in_the_set_lies_within_the_half_widths():
     report = np.zeros(20)
     for k, raw in enumerate(generator.uniform(-1.2, 1.2, size=(60, 7))):
         nominal, deviation = generator.normal(size=7), disturbance.axes @ raw
-        report_tube(k, law, 0, len(law.faces), nominal, deviation, report)
+        report_tube(k, law.points, law.faces, nominal, deviation, report)
         assert report[0] == (np.abs(raw).max() <= 1.0)
         assert report[1] == pytest.approx(1.0 - np.abs(raw).max())
         np.testing.assert_allclose(report[2:11], report_rows(OUTPUTS)[k] @ nominal)
