@@ -36,7 +36,9 @@ PARAMETERS = vehicle_parameters(VEHICLE)
 
 
 def random_augmented(generator):
-    augmented = generator.normal(size=SIZE) * [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * (SIZE - 7)]
+    sds = [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * (SIZE - 9)]
+    offsets = 0.03, -0.02
+    augmented = np.insert(sds * generator.normal(size=SIZE - 2), AugmentedState.OFFSET_I, offsets)
     augmented[AugmentedState.PSI_I] += augmented[AugmentedState.PSI_T]
     augmented[AugmentedState.RIM] += generator.choice([1.0, -1.0])
     return augmented
