@@ -168,19 +168,6 @@ def test_commands_run_in_a_repository_with_packages_of_the_same_names(repository
     assert all('"completed"' in row for row in rows)
 
 
-def test_python_code_runs_in_a_repository_with_packages_of_the_same_names(repository):
-    (repository / "script.py").write_text(
-        "from experiments.gains import HP\n"
-        "from mine import Mine\n"
-        "from proving_ground import load, simulate\n"
-        f"name, scenario = load('grass', [{STRAIGHT!r}])\n"
-        "summary, _ = simulate(name, scenario, seed=1, factory=Mine)\n"
-        "print(HP, summary.controller, summary.status)\n"
-    )
-    output = python(["script.py"], repository, dict(os.environ))
-    assert output.split() == ["0.6", "mine:Mine", "completed"]
-
-
 @pytest.mark.parametrize("package", ["ttempc", "proving_ground"])
 def test_public_names_load_and_are_documented(package):
     module = import_module(package)

@@ -4,12 +4,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+
+class Shared:
+    """An object that does not change once it is made: copies of what holds it share it."""
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self
 
 
 class State(IntEnum):

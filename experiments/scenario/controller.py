@@ -56,6 +56,8 @@ class NoiseSettings:
     """Position of both receivers, each axis."""
     angle_sd_deg: AssumedSd | None = None
     """Both steering angles and the hitch angle."""
+    angle_offset_sd_deg: NotNegative | None = None
+    """Offset of the sensors of the trailer's steering angle and of the hitch angle; 0: none."""
     encoder_sd_mps: AssumedSd | None = None
     """Speed of the encoder."""
     gnss_white_share: Annotated[float, Field(gt=0, le=1)] | None = None
@@ -87,6 +89,7 @@ class NoiseSettings:
         angle = math.radians(values["angle_sd_deg"])
         return SensorNoise(
             gnss=values["gnss_sd_m"],
+            angle_offset=math.radians(values["angle_offset_sd_deg"]),
             steering=angle,
             hitch=angle,
             encoder=values["encoder_sd_mps"],
@@ -123,6 +126,7 @@ def _of_sensors(sensors: SensorSpecification) -> dict[str, float]:
     return {
         "gnss_sd_m": max(sensors.gnss_sd_m, _MIN_SD),
         "angle_sd_deg": max(sensors.angle_sd_deg, math.degrees(_MIN_SD)),
+        "angle_offset_sd_deg": sensors.angle_offset_sd_deg,
         "encoder_sd_mps": max(sensors.encoder_sd_mps, _MIN_SD),
         "gnss_white_share": max(sensors.gnss_white_share, _MIN_SHARE) if correlated else 1.0,
         "gnss_correlation_time_s": sensors.gnss_correlation_time_s,

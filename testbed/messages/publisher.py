@@ -144,11 +144,11 @@ class Publisher(Sink, ABC):
             raise wrong_shape(channel, times, values)
         if not len(times):
             return
-        self._batch.rows[channel.topic].append((times.copy(), values.copy()))
+        self._batch.rows[channel.topic].append((times, values))
         if channel is STATE:
             self._state = self._batch.rows[channel.topic][-1]
-        elif channel is REFERENCE and self._state and np.array_equal(times, self._state[0]):
-            self._batch.pairs.append((*self._state, values.copy()))
+        elif channel is REFERENCE and self._state and _equal(times, self._state[0]):
+            self._batch.pairs.append((*self._state, values))
         self._collected(times[-1])
 
     def event(self, event: Event) -> None:
@@ -159,12 +159,12 @@ class Publisher(Sink, ABC):
     def scenes(self, moments: Moments) -> None:
         """Publish the transforms of every body."""
         times = moments.rows[:, 0]
-        self._batch.scenes.append((times.copy(), moments.poses.copy()))
+        self._batch.scenes.append((times, moments.poses))
         self._collected(times[-1])
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Publish a line of points (n, 2) [m], map frame, laid on the ground."""
-        self._batch.paths.append((topic, time_s, np.array(points)))  # the caller may reuse its
+        self._batch.paths.append((topic, time_s, points))
         self._collected(time_s)
 
     def _empty(self) -> Batch:
@@ -245,6 +245,10 @@ class Publisher(Sink, ABC):
                 driven = np.array(self._driven)
                 yield topics.DRIVEN_TOPIC, time_s, driven[:, :2]
                 yield topics.DRIVEN_TRAILER_TOPIC, time_s, driven[:, 2:]
+
+
+def _equal(times: FloatArray, others: FloatArray) -> bool:
+    return times is others or np.array_equal(times, others)
 
 
 def _single(time_s: float, data: bytes) -> tuple[TimesNs, Encoded]:

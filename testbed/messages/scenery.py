@@ -22,7 +22,8 @@ from ..vehicle.appearance import ground_colours
 from .encoding import MAP_FRAME, Template, hole, single
 
 _GEOM: Final = mujoco.mjtGeom
-_UNPAINTED: Final = np.float32([0.5, 0.5, 0.5, 1.0])  # MuJoCo's default: the material's applies
+# MuJoCo's default colour: that of the material applies
+_UNPAINTED: Final = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _MOST_VERTICES: Final = 30_000  # of the drawn ground: 0.4 m apart on the default field
 _ABOVE_GROUND_M: Final = 0.05  # of paths: the drawn ground is coarser than the true one

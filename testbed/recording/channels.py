@@ -265,9 +265,12 @@ def _spread(
     return used
 
 
-_PLACES: Final = {
-    name: (ESTIMATE_TYPE.fields or {})[name][1] // 8 for name in ESTIMATE_TYPE.names or ()
-}
+def _places(record: np.dtype[np.void]) -> dict[str, int]:
+    """Return the place of the first number of each field of a record of doubles."""
+    return {str(name): item[1] // 8 for name, item in (record.fields or {}).items()}
+
+
+_PLACES: Final = _places(ESTIMATE_TYPE)
 _FROM_ESTIMATE: Final = np.array(
     [
         *range(_PLACES["state"], _PLACES["state"] + 3),
@@ -291,7 +294,7 @@ def estimate_row(record: FloatArray) -> FloatArray:
 
 
 def _columns(name: str, channel: Channel) -> slice:
-    begin = (TICK.fields or {})[name][1] // 8
+    begin = _places(TICK)[name]
     return slice(begin, begin + len(channel.fields))
 
 

@@ -145,7 +145,7 @@ class Sink:
     """Receiver of the data of a run, each channel in the order of its time; it ignores them.
 
     Rows and events are the record of the run. Scenes and paths serve viewers only: they repeat
-    numbers of the rows. Arrays belong to the sender; a sink copies what it keeps.
+    numbers of the rows. Arrays do not change once they were sent: a sink may keep them.
     """
 
     draws = False  # whether it has a use for scenes and paths

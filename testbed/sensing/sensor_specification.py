@@ -1,5 +1,6 @@
 """Specification of the sensors, in the units of a scenario file, and named sets of its values."""
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
@@ -16,6 +17,7 @@ GnssError = Literal["white", "correlated", "non-gaussian", Place]
 GnssAntenna = Literal["point", "raw", "corrected"]
 EncoderOn = Literal["wheel", "ground"]
 
+ANGLE_RANGE_DEG: Final = 90.0
 MAX_LATENCY_S: Final = 2.0  # ten control periods
 Latency = Annotated[float, Field(ge=0, le=MAX_LATENCY_S)]
 
@@ -26,23 +28,19 @@ SENSOR_PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
         # Kayacan, Ramon and Saeys (2016), sec. II: the defaults of `SensorSpecification`.
         "paper": {},
         "field": {
-            # The size is that of the paper's RTK receivers, sec. II, so that a comparison with
-            # "paper" shows the effect of the correlation alone. Rural RTK in motion has 1.4 cm
-            # across the row (Carballido 2014, 610 rows), and 0.6 to 6.1 cm against a total station.
-            "gnss_sd_m": 0.03,
-            # First-order Gauss-Markov, as Odolinski (2012, doi 10.1007/s10291-011-0213-0) fits it
-            # to network RTK. The 13 to 17 min of its slow part are a constant offset over a lap; a
-            # minute, near the lower end of carrier multipath (10 to 900 s, Joerger and Pervan
-            # 2020), moves within a lap. Time and white share are assumed.
-            "gnss_error": "correlated",
-            "gnss_correlation_time_s": 60.0,
-            "gnss_white_share": 0.1,
+            "gnss_error": "open-sky",
             # Antennas on masts, their lever arms corrected with the attitude that an IMU measures.
             "gnss_antenna": "corrected",
             "imu": {"on": True},
             # Assumed. Receivers state below 0.02 s where they extrapolate the base station's
             # phase, and 0.5 to 2 s where they wait for it (manuals of Trimble BD950 and 5700).
             "gnss_latency_s": 0.2,
+            # Assumed: 12 bit over a turn, a linearity as in data sheets of potentiometers, and the
+            # offset that is left where a driver finds the middle on a straight line.
+            "angle_sd_deg": 0.2,
+            "angle_resolution_deg": 0.1,
+            "angle_offset_deg": 1.0,
+            "angle_nonlinearity_pct": 0.5,
         },
     }
 )
@@ -105,14 +103,15 @@ class SensorSpecification:
 
     preset: SensorPreset = "paper"
     """Preset that gives the absent keys of a file: "paper", white noise at the axle points, or
-    "field", GNSS with correlated errors, antennas on masts, an IMU and latency
-    (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""
+    "field", receivers under an open sky, late, antennas on masts, an IMU, and angle sensors
+    with an offset (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""
     gnss_rate_hz: RateHz = 5.0
     """Sampling rate of both RTK receivers."""
     gnss_sd_m: NotNegative = 0.03
-    """Standard deviation of the whole error of an axis, for every kind of error."""
+    """Standard deviation of the whole error of an axis, for every kind of error but a place."""
     gnss_error: GnssError = "white"
-    """Kind of error, see `testbed.sensing.sensor_errors`."""
+    """Kind of error, see `testbed.sensing.sensor_errors`, or the place of receivers with errors as
+    recorded there, see `testbed.sensing.receivers`."""
     # Between the 10 and 900 s by which carrier multipath is bounded (Joerger, Pervan 2020).
     gnss_correlation_time_s: DurationS = 60.0
     """Correlation time of the coloured part of a correlated error; assumed."""
@@ -128,6 +127,11 @@ class SensorSpecification:
     """Sampling rate of both steering angles and of the hitch angle."""
     angle_sd_deg: NotNegative = 1.0
     """Standard deviation of these angles."""
+    angle_offset_deg: NotNegative = 0.0
+    """Largest offset of each of these sensors; drawn once a run, uniform."""
+    angle_nonlinearity_pct: NotNegative = 0.0
+    """Largest deviation from a straight line in per cent of a range of 90 deg: a sine of the angle,
+    as long as the range, whose phase is drawn once a run."""
     angle_latency_s: Latency = 0.0
     """Time from sampling to delivery."""
     angle_resolution_deg: NotNegative = 0.0
@@ -156,6 +160,16 @@ class SensorSpecification:
     def place(self) -> Place | None:
         """Place whose receivers give the errors of GNSS."""
         return next((place for place in PLACES if place == self.gnss_error), None)
+
+    @property
+    def angle_offset_sd_deg(self) -> float:
+        """Standard deviation of offset and deviation of an angle sensor over runs."""
+        return math.hypot(self.angle_offset_deg / math.sqrt(3.0), self.bend_deg / math.sqrt(2.0))
+
+    @property
+    def bend_deg(self) -> float:
+        """Largest deviation of an angle sensor from a straight line."""
+        return 0.01 * self.angle_nonlinearity_pct * ANGLE_RANGE_DEG
 
     def period_s(self, sensor: Sensor) -> float:
         """Return the time from sample to sample of a sensor [s]."""

@@ -24,7 +24,7 @@ from ..randomness import generator
 from ..truth import ANTENNA_COLUMNS, MOTION
 from .receivers import NORMALS, advance, new_state, receiver
 from .sensor_errors import Correlated, ErrorSource, HeavyTailed, White
-from .sensor_specification import ImuSpecification, SensorSpecification
+from .sensor_specification import ANGLE_RANGE_DEG, ImuSpecification, SensorSpecification
 
 _POSITION: Final = ("x_m", "y_m", "status")
 _ATTITUDE: Final = ("yaw_rate_radps", "roll_rad", "pitch_rad")
@@ -60,6 +60,7 @@ _IMUS: Final = {  # bodies in the order of the antennas
 }
 _POINTS: Final = {Sensor.GNSS_TRACTOR: ("x_t", "y_t"), Sensor.GNSS_TRAILER: ("x_i", "y_i")}
 _TRACTOR: Final = MOTION.index("x_t")  # y_t follows
+_TURNS: Final = 360.0 / ANGLE_RANGE_DEG  # of the deviation of an angle sensor in a turn
 _YAWS: Final = tuple(map(MOTION.index, ("psi_t", "psi_i")))
 
 _SENSOR: Final = np.dtype(
@@ -72,6 +73,7 @@ _SENSOR: Final = np.dtype(
         ("resolution", "f8", 3),  # of each component
         ("corrects", "i8"),  # body whose attitude corrects the sample; -1: none
         ("antenna", "i8"),  # whose error comes from `receivers.advance`; -1: none
+        ("curve", "f8", 3),  # of an angle: offset, largest deviation, phase [rad]
     ]
 )
 
@@ -103,6 +105,14 @@ class SensorSuite:
         entries = tuple(self._entries(seed))
         self._sources = [source for _, source in entries]
         self._sensors: NDArray[np.void] = np.array([entry for entry, _ in entries], _SENSOR)
+        for sensor in _ANGLES:
+            rng, own = generator(seed, f"sensor/{sensor}/curve"), self._sensors["number"]
+            offset_deg, phase = (
+                specification.angle_offset_deg * rng.uniform(-1.0, 1.0),
+                rng.uniform(),
+            )
+            curve = math.radians(offset_deg), math.radians(specification.bend_deg), math.tau * phase
+            self._sensors["curve"][own == NUMBER[sensor]] = curve
         place = specification.place
         self._errors = np.empty((len(entries), _AHEAD, NORMALS if place else 3))
         self._receiver = np.array(astuple(receiver(place)) if place else ())
@@ -228,7 +238,16 @@ class SensorSuite:
         fill = 3 - len(columns)
         grid = (*resolution, *fill * (0.0,))
         columns, size = (*columns, *fill * (0,)), len(columns)
-        return NUMBER[sensor], every, delay, size, columns, grid, *(others or (-1, -1))
+        return (
+            NUMBER[sensor],
+            every,
+            delay,
+            size,
+            columns,
+            grid,
+            *(others or (-1, -1)),
+            (0.0, 0.0, 0.0),
+        )
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -276,6 +295,9 @@ def _take(
                 ahead = lever[0] * math.cos(pitch) + up * math.sin(pitch)
                 row[2] -= ahead * math.cos(yaw) - aside * math.sin(yaw)
                 row[3] -= ahead * math.sin(yaw) + aside * math.cos(yaw)
+            if of.curve[0] != 0.0 or of.curve[1] != 0.0:
+                bend = math.sin(_TURNS * row[2] + of.curve[2])
+                row[2] += of.curve[0] + of.curve[1] * bend
             if of.antenna == 0:  # the trailer's sample follows at the same moment
                 advance(solutions, receiver, errors[k, used[k]], truth[0], way[2], solved)
                 way[2] = 0.0

@@ -36,7 +36,7 @@ from ..implement.tool_kernel import tool_step
 from ..vehicle.steering_coupling import couple_joints
 from ..wheels.tyre_kernel import wheel_step
 from ..wheels.wheel_models import SoilWheels
-from .truth_reader import TruthReader, write_moment
+from .moment import write_moment
 
 for _pattern in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
     for _library in Path(mujoco.__file__).parent.glob(_pattern):
@@ -79,9 +79,10 @@ def clearance(
 ) -> float:
     """Return a lower bound of the distance that the chassis may move before it meets the ground.
 
+    It is at most `MOTION_M` [m], 0 where the ground may be touched or a shape is beside the field.
+
     Args:
-        centres: (ngeom, 3) [m] MuJoCo's `geom_xpos`.
-        axes: (ngeom, 9) MuJoCo's `geom_xmat`, row major.
+        centres, axes: MuJoCo's `geom_xpos`, (ngeom, 3) [m], and `geom_xmat`, (ngeom, 9).
         shapes: (n,) indices of the shapes of the chassis.
         halves: (n, 4) [m] half lengths of a box along its axes, then the radius by which it is
             rounded.
@@ -90,10 +91,6 @@ def clearance(
         grid: (3,) x and y [m] of the first grid point, spacing [m].
         planes: (ty, tx, 4) slopes along x and y, height [m] at the middle of the tile, and 1;
             tiles that were not used yet are zeros, and are written.
-
-    Returns:
-        The distance [m], at most `MOTION_M`; 0 where the ground may be touched, or a shape
-        is beside the field.
     """
     least = MOTION_M
     for item in range(shapes.size):
@@ -250,11 +247,11 @@ def compiled_steps(
     wheels: SoilWheels,
     implement: MountedImplement | None,
     ground: Ground,
-    reader: TruthReader,
+    moment: tuple[Any, ...],
 ) -> Callable[..., object] | None:
-    """Return `soil_steps` of a plant, its arguments from `valves` on left to be given.
+    """Return `soil_steps` of a plant from `valves` on, None under NUMBA_DISABLE_JIT.
 
-    It is None under NUMBA_DISABLE_JIT.
+    `moment` are the arguments of `write_moment` from `places` on.
     """
     if config.DISABLE_JIT:
         return None
@@ -284,7 +281,7 @@ def compiled_steps(
         _reaches(model, shapes),
         np.column_stack([model.jnt_qposadr[limited], within]),
         np.zeros(model.nq + 1),
-        reader.arguments,
+        moment,
         disable_flags(model),
         int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT),
         clock(),

@@ -4,7 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,7 +28,7 @@ from ..ground.terrain import Terrain
 from ..implement.implement import Implement
 from ..implement.mounted import MountedImplement, draw_implement, frame_height
 from ..messages.scenery import Scenery, shapes_of
-from ..truth import WHEELS, Moments, Truth
+from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Moments, Truth
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
@@ -38,7 +38,7 @@ from ..wheels.tyre import Tyres
 from ..wheels.tyre_kernel import Output
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, SoilWheels, wheel_model
 from .compiled_steps import compiled_steps
-from .truth_reader import TruthReader
+from .moment import moment_arguments, write_moment
 
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -99,15 +99,19 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
-        self.ground = Ground(terrain, soil.rasterised(terrain))
+        self.ground = Ground(terrain, soil.rasterised(terrain), soil.ruts)
         self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, self.wheel_law)
         self.implement = implement and MountedImplement(
             implement, model, data, vehicle, self.ground, soil.background
         )
         rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
-        self._reader = TruthReader(model, data, self.wheels.output, rear_radius, self.implement)
+        output = self.wheels.output
+        self._truth = moment_arguments(model, data, output, rear_radius, self.implement)
+        antennas = self._truth[0][3:5]
+        # from tractor and trailer point to their antennas, (2, 3) [m] bodies' frames
+        self.lever_arms: FloatArray = model.site_pos[antennas]
         compiled = (
-            compiled_steps(model, data, self.wheels, self.implement, self.ground, self._reader)
+            compiled_steps(model, data, self.wheels, self.implement, self.ground, self._truth)
             if type(self.wheels) is SoilWheels  # a subclass may step in a way of its own
             else None
         )
@@ -143,8 +147,7 @@ class Plant:
         if not all(map(math.isfinite, (x, y, yaw, speed))):
             raise InvalidPlant(f"reset: got {(x, y, yaw, speed)}, every value must be finite")
         mujoco.mj_resetData(self.model, self.data)
-        self.wheels.state[:] = 0.0
-        self.wheels.output[:] = 0.0
+        self.wheels.reset()
         if self.implement:
             self.implement.state[:] = 0.0
         self._place(x, y, yaw)
@@ -172,7 +175,7 @@ class Plant:
         Raises:
             PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
         """
-        before, moments, path = self.data.time, self._reader.moments(stops), self.actuators
+        before, moments, path = self.data.time, self._moments(stops), self.actuators
         if isinstance(path, Actuators):
             valves = path.axes[:0] if path.passive else path.axes
             self._steps(valves, self._valves, command.as_array(), before, stride, *moments)
@@ -190,11 +193,6 @@ class Plant:
     def timestep_s(self) -> float:
         """Physics step [s]."""
         return self.model.opt.timestep
-
-    @property
-    def lever_arms(self) -> FloatArray:
-        """Levers from tractor and trailer point to their antennas, (2, 3) [m], bodies' frames."""
-        return self._reader.lever_arms
 
     @cached_property
     def _level(self) -> tuple[mujoco.MjModel, str]:
@@ -240,11 +238,22 @@ class Plant:
 
     def moment(self) -> Moments:
         """Return the present state; wheel forces are those of the step that led to it."""
-        return self._reader.put(self._reader.moments(1), 0)
+        moments = self._moments(1)
+        self._put(moments, 0)
+        return moments
 
     def truth(self) -> Truth:
         """Return the view of `moment`."""
         return self.moment().truth(0)
+
+    def _moments(self, count: int) -> Moments:
+        """Return arrays for a number of moments, to be written."""
+        tool = TOOL_SIZE + self.implement.output.size if self.implement else 0
+        rows, poses = np.empty((count, TRUTH_SIZE)), np.empty((count, self.model.nbody, 7))
+        return Moments(rows, poses, np.empty((count, tool)))
+
+    def _put(self, moments: Sequence[FloatArray], number: int) -> None:
+        write_moment(self.data.time, *(part[number] for part in moments), *self._truth)
 
     def _python_steps(
         self,
@@ -279,7 +288,7 @@ class Plant:
                 if after_step:
                     after_step()
                 mujoco.mj_step1(model, data)
-            self._reader.put(Moments(*moment), stop)
+            self._put(moment, stop)
 
     def _check(self, before: float, steps: int) -> None:
         """Raise on divergence: MuJoCo itself resets on NaN and continues from time 0."""
@@ -331,7 +340,7 @@ class Plant:
 
         weight = -self.model.opt.gravity[2] * self.model.body_mass.sum()
         steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)
-        moment = self._reader.moments(1)
+        moment = self._moments(1)
         mujoco.mj_step1(self.model, data)
         for _ in range(_SETTLE_CHUNKS):
             previous = self.wheels.output[:, Output.LOAD].copy()
@@ -363,19 +372,10 @@ def check_standing(
 ) -> None:
     """Refuse a settled vehicle that touches the ground with more than its tyres, or still falls.
 
-    The force of the ground along the vehicle's upward axis must be the weight's part along it. The
-    wheel loads are normal to the ground below each wheel, which may be the flank of a furrow: their
-    sum alone is up to 2 % larger.
-
-    Args:
-        model: of the plant.
-        data: of the plant, after a physics step.
-        tyres: in the order of `WHEELS`.
-        output: (6, 7) report of the wheels, columns of `Output`.
-
-    Raises:
-        InvalidPlant: a body touches the ground, a tyre is pressed flat on its rim, where its law
-            ends, or the ground does not carry the weight to within 2 %.
+    The force of the ground along the vehicle's upward axis must be the weight's part along it, to
+    within 2 %. The wheel loads are normal to the ground below each wheel, which may be the flank of
+    a furrow: their sum alone is up to 2 % larger. `output` is the report of the wheels after a
+    physics step, (6, 7). A tyre that is pressed flat on its rim is refused: there its law ends.
     """
     place = "reset: at ({:.1f}, {:.1f}) m".format(*data.qpos[:2])
     for pair in data.contact.geom:

@@ -149,7 +149,7 @@ def tyres_of(vehicle: PlantVehicle) -> Tyres:
     numbers = attrgetter(*names, "relative_deflection", "rated_load_n", "damping_spm")
     wheels = [vehicle.wheels[wheel.split("_")[0]] for wheel in WHEELS]
     radial = np.array([re.search(r"\dR", wheel.size) is not None for wheel in wheels])
-    return Tyres(*np.array([numbers(wheel) for wheel in wheels]).T.copy(), radial)
+    return Tyres(*np.array([numbers(wheel) for wheel in wheels]).T.copy(), radial=radial)
 
 
 def _empty(vehicle: PlantVehicle) -> PlantVehicle:

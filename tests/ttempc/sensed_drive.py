@@ -97,7 +97,7 @@ class SensedDrive:
                 step_s,
                 unused,
             )
-            entries = int(AugmentedState.GYRO_T)  # the drive has no gyros
+            entries = int(AugmentedState.OFFSET_I)  # the drive has neither offsets nor gyros
             density = density[:entries, :entries]
             root = np.linalg.cholesky(density * step_s + 1e-24 * np.eye(entries))
             augmented[:entries] += root @ self._generator.standard_normal(entries)

@@ -114,7 +114,7 @@ class MovingHorizonEstimator:
         for k in range(count - 1):
             end, step_jacobian, noise = self._transition(moments[k], guess[k], times[k + 1])
             weight = np.linalg.inv(noise)
-            weighted = step_jacobian.T @ weight  # (22, 22)
+            weighted = step_jacobian.T @ weight  # (24, 24)
             defect = end - guess[k + 1]
             diagonal[k] += weighted @ step_jacobian
             diagonal[k + 1] += weight
@@ -136,7 +136,7 @@ class MovingHorizonEstimator:
     def _transition(
         self, moment: np.void, guess: FloatArray, until_s: float
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the transition from `guess` (22,) at the time of a `MOMENT` to `until_s`."""
+        """Return the transition from `guess` (24,) at the time of a `MOMENT` to `until_s`."""
         augmented, valves = guess.copy(), moment["valves"].copy()
         jacobian, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
         transition, scales = np.empty((SIZE, WIDTH)), moment["scales"][0]
@@ -171,9 +171,9 @@ def _minimum(
 ) -> tuple[FloatArray, FloatArray]:
     """Return guess + d (n, 22) with d minimising d'Hd / 2 - right'd, disturbances within bounds.
 
-    H is block-tridiagonal with the blocks `diagonal` (n, 22, 22) and `above` (n - 1, 22, 22);
+    H is block-tridiagonal with the blocks `diagonal` (n, 24, 24) and `above` (n - 1, 24, 24);
     `right` and `guess` are (n, 22). Elimination from the first block on leaves the information
-    matrix of the last augmented state in the last block; its inverse (22, 22) is returned, too.
+    matrix of the last augmented state in the last block; its inverse (24, 24) is returned, too.
 
     Raises:
         numpy.linalg.LinAlgError: H is singular, or indefinite by rounding.

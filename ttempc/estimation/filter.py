@@ -1,7 +1,7 @@
 """Extended Kalman filter over the augmented state: predict, correct, observe; compiled.
 
 Of arrays (4, ...) the first entry is a value, the others are its derivatives by the factors of
-`NoiseScale`. Rows of 22 entries are padded to 24, three vectors of eight numbers.
+`NoiseScale`. A row has 24 entries, three vectors of eight numbers.
 """
 
 from __future__ import annotations
@@ -41,8 +41,9 @@ from .noise import SCALE_RANGE, SCALES, ProcessNoise, SensorNoise
 _LEVELS: Final = 1 + SCALES
 _CROSS: Final = 2 * WIDTH  # begin of parts of the workspace of `correct`
 _HALF: Final = 10 * WIDTH
-_XY: Final = SIZE  # of a row of process noise: the entries (x, y) and (psi_i, delta_i)
-_JOINT: Final = SIZE + 1
+# Of a row of process noise: entries (x, y) and (psi_i, delta_i). The past yaws gather no noise.
+_XY: Final = int(AugmentedState.PAST_T)
+_JOINT: Final = int(AugmentedState.PAST_I)
 _SENSORS: Final = len(SensorIndex)
 _INPUTS: Final = len(Input)
 _UNWEIGHED: Final = int(SensorIndex.IMU_TRACTOR)  # the first sensor without a reading at the start
@@ -235,7 +236,7 @@ def predict(
 @cached_njit(error_model="numpy")
 def _add(matrix: FloatArray, noise: FloatArray) -> None:
     """Add a row of noise (24,), see `predict`, to a covariance."""
-    for i in range(SIZE):
+    for i in range(_XY):
         matrix[i, i] += noise[i]
     matrix[0, 1] += noise[_XY]
     matrix[1, 0] += noise[_XY]
@@ -772,7 +773,8 @@ def first_state(
     variances: list[float] = []
     for sensor, length in LENGTH.items():
         travel = v * (newest - readings[sensor].time_s) if length == 2 else 0.0
-        variances += [noise.of(sensor) ** 2 + travel**2] * length
+        offset = noise.angle_offset if sensor in (Sensor.STEERING_TRAILER, Sensor.HITCH) else 0.0
+        variances += [noise.of(sensor) ** 2 + travel**2 + offset**2] * length
     return state, (jacobian * variances) @ jacobian.T
 
 
@@ -789,7 +791,8 @@ def first_moment(
     state, covariance = first_state(readings, vehicle, replace(sensors, gnss_white_share=1.0))
     slow = max(sensors.difference_variance, _LEAST_VARIANCE)
     bias = max(sensors.yaw_rate_bias**2, _LEAST_VARIANCE)
-    others = [*INITIAL_SD**2, slow, slow, bias, bias, _LEAST_VARIANCE, _LEAST_VARIANCE]
+    offset = max(sensors.angle_offset**2, _LEAST_VARIANCE)
+    others = [*INITIAL_SD**2, slow, slow, offset, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
     row = np.zeros(ROW)
     start = row.view(MOMENT)[0]
     start["time_s"] = max(reading.time_s for reading in readings.values())

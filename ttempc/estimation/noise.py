@@ -50,6 +50,7 @@ class SensorNoise:
     antenna_height_i: float = 0.0
     attitude: float = math.radians(0.2)  # roll and pitch of the IMUs [rad]; assumed
     attitude_bias: float = math.radians(0.3)  # constant part of their error [rad]; assumed
+    angle_offset: float = 0.0  # offset of a sensor of an angle, over runs [rad]; 0: none
     steering: float = math.radians(1.0)  # both steering angles [rad]
     hitch: float = math.radians(1.0)  # [rad]; not printed, assumed as for the steering angles
     encoder: float = 0.1  # [m/s]
@@ -126,6 +127,7 @@ SCALES: Final = len(NoiseScale)
 SCALE_RANGE: Final = ((1e-3, 100.0), (1e-3, 2.0), (1e-1, 1e4))
 """Least and largest value of each factor that a filter learns; assumed."""
 
+_OFFSET_WALK: Final = 0.02  # of an angle's offset in a metre, of its size [1/sqrt(m)]; assumed
 _VEHICLE: Final = slice(AugmentedState.X, AugmentedState.DELTA_T)
 _STEERING: Final = slice(AugmentedState.DELTA_T, AugmentedState.RIM)
 
@@ -191,7 +193,7 @@ class ProcessNoise:
         return np.array([self.roughness, self.wheel, self.valves])
 
     def rates(self, sensors: SensorNoise) -> FloatArray:
-        """Return the variances of each entry that a second and a metre add, (2, 4, 22).
+        """Return the variances of each entry that a second and a metre add, (2, 4, 24).
 
         The first index is 0 for a second and 1 for a metre; of the second index, 0 is fixed
         and 1 + n belongs to a factor 1 of the n-th `NoiseScale`. Positions are along and across
@@ -216,12 +218,13 @@ class ProcessNoise:
         ):
             for half, rate in zip(deviations, sensors.gnss_forgets, strict=True):
                 half[0, entries] = math.sqrt(2.0 * variance * rate)  # Gelb 1974, sec. 3.6
+        per_metre[0, [state.OFFSET_I, state.OFFSET_HITCH]] = _OFFSET_WALK * sensors.angle_offset
         if sensors.yaw_rate:
             per_second[0, [state.GYRO_T, state.GYRO_I]] = sensors.yaw_rate_walk
         return np.square(deviations)
 
     def fading(self, sensors: SensorNoise) -> FloatArray:
-        """Return the rates at which each disturbance fades, (2, 15): in a second, in a metre."""
+        """Return the rates at which each disturbance fades, (2, 17): in a second, in a metre."""
         fading = np.zeros((2, SIZE - STATES))
         of_gnss = AugmentedState.GNSS_X - STATES
         if sensors.difference_variance > 0.0:
@@ -232,7 +235,7 @@ class ProcessNoise:
     def density(
         self, augmented: FloatArray, scales: FloatArray, vehicle: Vehicle, sensors: SensorNoise
     ) -> FloatArray:
-        """Return the covariance that an augmented state (22,) gathers per second, (22, 22).
+        """Return the covariance that an augmented state (24,) gathers per second, (24, 24).
 
         At the factors `scales` (3,). A joint RJ2 that turns by w beside its model turns the trailer
         by -w d cos(delta_i) / (L_i + d cos(delta_i)), as in `ttempc.models.kinematics.articulated`.

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from ..jit import cached_njit
-from ..layout import ALARM, INNOVATION, SAMPLE, measurements_of
+from ..layout import ALARM, FLOAT, INNOVATION, SAMPLE, measurements_of
 from ..models.augmented_state import SensorIndex
 from ..types import Command, Estimate, FloatArray, Measurement, Sensor, WarmingUp
 from ..vehicle import MAX_DEAD_TIME_S, Vehicle
@@ -326,6 +326,9 @@ def _observe_speeds(
         if sensor > SensorIndex.GNSS_TRAILER:
             continue
         kept = s.positions[sensor]
+        if rows[row, 4] == FLOAT:  # nor are fixes before and after it of one solution
+            kept[0, 0] = 0.0
+            continue
         count = _remember(kept, time_s - _SPAN_S - 1e-6, math.nan, 0.0, 0.0)
         if count:
             span_s = time_s - kept[count, 0]

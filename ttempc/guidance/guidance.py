@@ -424,7 +424,7 @@ class Guidance:
     def _observe(self, now: float, rows: FloatArray) -> None:
         """Run the estimator; a user's gets objects, and its estimate is copied into the record."""
         filter_ = self._estimator
-        if type(filter_) is ExtendedKalmanFilter:
+        if isinstance(filter_, ExtendedKalmanFilter) and type(filter_) is ExtendedKalmanFilter:
             self._row, self._innovations = filter_.observe(now, rows, self._sent)
             return
         sent = Command(*self._sent.tolist()) if self.tick else None

@@ -461,7 +461,7 @@ class ArticulatedLaw(FeedbackLaw):
         return self.path.less(at, self.horizon.outputs(at, plans))
 
     def predicted_path(self, k: int) -> FloatArray:
-        return self.path.less(k, self.horizon.planned(k, self.mpc.work))
+        return self.path.under(k, self.mpc.work, self.horizon.stages.outputs)
 
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""

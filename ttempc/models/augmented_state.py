@@ -49,10 +49,12 @@ class AugmentedState(IntEnum):
     CLIMB_Y = 15  # wheel slip on the way north
     GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
     GNSS_Y = 17  # [m] north
-    GYRO_T = 18  # [rad/s] bias of the tractor's gyro
-    GYRO_I = 19  # [rad/s] bias of the trailer's
-    PAST_T = 20  # [rad] yaw of the tractor at the last sample of its gyro
-    PAST_I = 21  # [rad] the same of the trailer
+    OFFSET_I = 18  # [rad] offset of the sensor of the trailer's steering angle
+    OFFSET_HITCH = 19  # [rad] of the hitch angle; `STEERING` takes up that of the front
+    GYRO_T = 20  # [rad/s] bias of the tractor's gyro
+    GYRO_I = 21  # [rad/s] bias of the trailer's
+    PAST_T = 22  # [rad] yaw of the tractor at the last sample of its gyro
+    PAST_I = 23  # [rad] the same of the trailer
 
 
 STATES: Final = len(State)
@@ -60,10 +62,10 @@ SIZE: Final = len(AugmentedState)
 _OF_MAP: Final = len(MapDisturbance)
 
 DISTURBANCE_BOUND: Final[FloatArray] = np.array(
-    [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 0.1, 0.1, math.inf, math.inf]
+    [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 0.1, 0.1, 0.1, 0.1, np.inf, np.inf]
 )
-"""Largest magnitude of each disturbance, (15,): twice that of a vehicle that can be steered; of
-GNSS and gyros, more than any sensor in order has; none of the past yaw."""
+"""Largest magnitude of each disturbance, (17,): twice that of a vehicle that can be steered; of
+sensors, more than any sensor in order has; none of the past yaw."""
 
 _V_DEPENDS_ON: Final = (
     int(AugmentedState.PSI_T),
@@ -111,7 +113,7 @@ def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
 def write_estimate(
     x: FloatArray, covariance: FloatArray, parameters: FloatArray, estimate: FloatArray
 ) -> None:
-    """Write what an `ESTIMATE` has of an augmented state `x` (22,) and its `covariance` P (22, 22).
+    """Write what an `ESTIMATE` has of an augmented state `x` (24,) and its `covariance` P (24, 24).
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
@@ -263,7 +265,7 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
 def state_rate_jacobian(
     x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
 ) -> None:
-    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 22)."""
+    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 24)."""
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
     rim = x[AugmentedState.RIM]
@@ -345,13 +347,13 @@ def move_augmented_state(
     inputs: FloatArray,
     faded: FloatArray,
 ) -> None:
-    """Advance `x` (22,) and `valves` (2,) by `step_s` in place.
+    """Advance `x` (24,) and `valves` (2,) by `step_s` in place.
 
     The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
     limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
     Disturbances fade by exp(-a step_s - b travel) with the halves a [1/s], b [1/m] of `fading`
-    (30,). Written are the state in the `middle` of the step (22,), the `inputs` that act (3,) and
-    the logarithm of the factor by which each disturbance fades, `faded` (15,).
+    (34,). Written are the state in the `middle` of the step (24,), the `inputs` that act (3,) and
+    the logarithm of the factor by which each disturbance fades, `faded` (17,).
     """
     inputs[Input.HP] = command[Input.HP]
     for i in range(2):
@@ -391,8 +393,8 @@ def advance_augmented_state(
 ) -> None:
     """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
 
-    `transition` (22, 24), contiguous, is the exponential of the Jacobian in the middle of the step;
-    the last two columns are 0. `x` may have entries beside.
+    `transition` (24, 24), contiguous, is the exponential of the Jacobian in the middle of the step.
+    `x` may have entries beside.
     """
     middle, inputs, faded = np.empty(len(x)), np.empty(3), np.empty(SIZE - STATES)
     move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
@@ -433,7 +435,7 @@ def measure(
     reading: FloatArray,
     jacobian: FloatArray,
 ) -> int:
-    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 22).
+    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 24).
 
     Returns the number of entries of the reading, 1 or 2. `sensor` is a `SensorIndex` as a number.
     The reading of a gyro is the integral of its yaw rate over the time `span_s` since its last
@@ -469,8 +471,8 @@ def measure(
         return 2
     if sensor == SensorIndex.HITCH:
         psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-        reading[0] = psi_t - psi_i - x[AugmentedState.DELTA_I]
-        jacobian[0, AugmentedState.PSI_T] = 1.0
+        reading[0] = psi_t - psi_i - x[AugmentedState.DELTA_I] + x[AugmentedState.OFFSET_HITCH]
+        jacobian[0, AugmentedState.PSI_T] = jacobian[0, AugmentedState.OFFSET_HITCH] = 1.0
         jacobian[0, AugmentedState.PSI_I] = -1.0
         jacobian[0, AugmentedState.DELTA_I] = -1.0
         return 1
@@ -489,6 +491,9 @@ def measure(
         entry = AugmentedState.RIM
     reading[0] = x[entry]
     jacobian[0, entry] = 1.0
+    if entry == AugmentedState.DELTA_I:
+        reading[0] += x[AugmentedState.OFFSET_I]
+        jacobian[0, AugmentedState.OFFSET_I] = 1.0
     return 1
 
 
@@ -515,9 +520,9 @@ ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sen
 def predicted_measurement(
     sensor: Sensor, augmented: FloatArray, vehicle: Vehicle
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 22).
+    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 24).
 
-    Both at an augmented state (22,). The encoder reads the rim speed, the others geometry.
+    Both at an augmented state (24,). The encoder reads the rim speed, the others geometry.
 
     Raises:
         UnknownSensor: the sensor has no model.

@@ -1,8 +1,8 @@
 """Vector instructions on rows of `WIDTH` numbers, for the kernels of the filter.
 
-A loop over a row of 22 entries ends in one number at a time, and every loop that the compiler turns
-into vectors first asks whether its arrays overlap. These functions are a few instructions each.
-Arrays are contiguous, of any shape; a row is where it begins in the flat array. Nothing is checked.
+Every loop that the compiler turns into vectors first asks whether its arrays overlap. These
+functions are a few instructions each. Arrays are contiguous, of any shape; a row is where it begins
+in the flat array. Nothing is checked.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 WIDTH: Final = 24
-"""Entries of a row of 22, with its padding: three vectors of eight numbers."""
+"""Entries of a row: three vectors of eight numbers."""
 
 _intrinsic: Any = intrinsic  # whose types do not know that numba hands over the first argument
 _VECTOR: Final = ir.VectorType(ir.DoubleType(), WIDTH)

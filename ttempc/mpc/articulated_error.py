@@ -6,14 +6,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jit import cached_njit
 from ..models.augmented_state import map_disturbance_gain, map_gain
 from ..models.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
 from ..models.linear import zero_order_hold
 from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, State
+from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Shared, State
 from ..vehicle import CommandLimits, Vehicle
-from .lmpc import OutputBounds, StageBounds
+from .lmpc import OutputBounds, StageBounds, Work
 
 
 def rotation(angle: FloatArray) -> FloatArray:
@@ -22,7 +23,7 @@ def rotation(angle: FloatArray) -> FloatArray:
     return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
 
 
-class PredictedPath:
+class PredictedPath(Shared):
     """Path of both axle points under a plan, to first order in the errors."""
 
     def __init__(self, grid: ReferenceSample) -> None:
@@ -30,6 +31,18 @@ class PredictedPath:
         self._to_map[:, :2, :2] = rotation(grid.state[:, State.PSI_T])
         self._to_map[:, 2:, 2:] = rotation(grid.state[:, State.PSI_I])
         self._reference = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)
+
+    def under(self, k: int, work: Work, outputs: FloatArray) -> FloatArray:
+        """Return the path of tick `k` under its plan, (Np, 4) [m], map frame.
+
+        `work` has response and steps; `outputs` C (N + 1, 4, n) lead to position errors as in
+        `less`.
+        """
+        path = np.empty((len(work.response), 4))
+        write_path(
+            k, work.free, work.response, work.steps, outputs, self._to_map, self._reference, path
+        )
+        return path
 
     def less(self, k: int | NDArray[np.intp], errors: FloatArray) -> FloatArray:
         """Return the reference after tick `k` less position errors, (Np, 4) [m], map frame.
@@ -39,6 +52,33 @@ class PredictedPath:
         """
         ahead = np.asarray(k)[..., None] + np.arange(1, 1 + errors.shape[-2])
         return self._reference[ahead] - (self._to_map[ahead] @ errors[..., None])[..., 0]
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def write_path(
+    k: int,
+    free: FloatArray,
+    response: FloatArray,
+    steps: FloatArray,
+    outputs: FloatArray,
+    to_map: FloatArray,
+    reference: FloatArray,
+    path: FloatArray,
+) -> None:
+    """Do `PredictedPath.under`: states z_j = free_{j+1} + response_j steps, errors C z_j."""
+    error = np.empty(4)
+    for j in range(response.shape[0]):
+        error[:] = 0.0
+        for n in range(response.shape[1]):
+            z = free[j + 1, n]
+            for i in range(steps.size):
+                z += response[j, n, i] * steps[i]
+            for p in range(4):
+                error[p] += outputs[k + 1 + j, p, n] * z
+        for p in range(4):
+            path[j, p] = reference[k + 1 + j, p]
+            for q in range(4):
+                path[j, p] -= to_map[k + 1 + j, p, q] * error[q]
 
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidTuning, check_choice, check_count, check_vector
 from ..jit import cached_njit
 from ..models.kinematics import Error
-from ..types import FloatArray, Input, SolverReport
+from ..types import FloatArray, Input, Shared, SolverReport
 from .qp import (
     FREE,
     HOLDS,
@@ -285,7 +285,7 @@ def are_slack(k: int, stages: Stages, work: Work) -> bool:
     return True
 
 
-class CondensedHorizon:
+class CondensedHorizon(Shared):
     """QPs of all ticks along a reference; only the state and the previous input are left open.
 
     The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). The states of the
@@ -407,12 +407,6 @@ class CondensedHorizon:
             upper=np.minimum(limits[:, 1].ravel(), FREE) - offset,
             outputs=rows.shape[1],
         )
-
-    def planned(self, k: int, work: Work) -> FloatArray:
-        """Return `outputs` of tick `k` alone, of which `work` has response and steps, (Np, p)."""
-        states = work.free[1:] + work.response @ work.steps
-        outputs = self.stages.outputs[k + 1 : k + 1 + self.horizon]
-        return (outputs @ states[..., None])[..., 0]
 
     def outputs(self, ticks: Sequence[int] | NDArray[np.intp], plans: FloatArray) -> FloatArray:
         """Return C z_{k+1} ... C z_{k+Np} at T ticks under their plans, (T, Np, p).

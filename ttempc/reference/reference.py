@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidPath, InvalidReference
-from ..types import FloatArray, Input, State
+from ..types import FloatArray, Input, Shared, State
 from ..vehicle import Vehicle
 from .corridor import Corridor
 from .path import Path
@@ -228,7 +228,7 @@ class ReferenceSample:
 
 
 @dataclass(frozen=True)
-class Reference:
+class Reference(Shared):
     """Both axle points of the vehicle on one path, as functions of time.
 
     The steering inputs lead the steering angles by the actuators' lags and the hydrostat leads

@@ -12,7 +12,6 @@ from proving_ground.experiments.results.tracking_errors import BODIES, tracking_
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.log.reader import read_content, read_log
-from proving_ground.testbed.log.scene import ground_of, motion_of
 from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.recording.channels import CHANNELS, ERROR, STATE
 
@@ -47,15 +46,6 @@ def test_neither_a_live_view_nor_the_rate_of_the_record_changes_a_bit(log):
     assert np.array_equal(watched[STATE].values[::2], alone[STATE].values)
     for channel in CHANNELS[2:6]:  # measurement, estimate, control, tracking
         assert np.array_equal(watched[channel].values, alone[channel].values, equal_nan=True)
-
-
-def test_motion_and_ground_are_read_from_the_log_alone(log):
-    content, record = read_content(log), read_log(log)
-    motion = motion_of(content)
-    tractor = motion.xyz[:, motion.body_names.index("tractor")]
-    np.testing.assert_allclose(tractor[:, 0], record[STATE]["x_t_m"], atol=1e-5)
-    heights = ground_of(content).terrain.height(*tractor[:, :2].T)
-    assert np.all(np.abs(tractor[:, 2] - heights - 0.4) < 0.1), "an axle a wheel above its ground"
 
 
 def test_the_log_holds_the_true_error_at_every_time_of_the_state(log):

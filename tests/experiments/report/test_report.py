@@ -10,7 +10,6 @@ from proving_ground.experiments.report.run_report import render_run_report
 from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.testbed.recording.record import Event
 
-from tests.browser import measured, needs_browser, printed_pages
 from tests.records import record
 
 FACTS = RunFacts(
@@ -101,14 +100,3 @@ def test_the_report_of_a_run_with_an_implement_has_its_tool_and_draft():
     text = render_run_report(summarise(with_tool, FACTS), with_tool, SCENARIO, {})
     for words in ("tool, straight", "tool, curve", "tool, all", "draft 919 N (mean)"):
         assert words in text
-
-
-@needs_browser
-def test_it_fits_a_phone_a_tablet_and_a_screen_and_prints_three_pages(text, tmp_path):
-    """Nothing is cut off sideways: what is wider than the page scrolls within its own box."""
-    file = tmp_path / "report.html"
-    file.write_text(text)
-    for width, page in measured(file, (390, 768, 1280), tmp_path).items():
-        assert page["width"] <= width, "the page itself does not scroll sideways"
-        assert page["outside"] == [], "every element lies on the page or in a box that scrolls"
-    assert printed_pages(file, tmp_path) <= 3

@@ -214,22 +214,8 @@ def test_an_entry_has_the_overshoot_and_the_way_of_each_point_in_closed_form():
     lowest = 1.5 * math.exp(-first / 4.0) * abs(math.cos(0.5 * first))
     assert entry.tractor.overshoot_m == pytest.approx(lowest, abs=1e-3)
     assert entry.trailer.overshoot_m == pytest.approx(0.5 * lowest, abs=1e-3)
-    driven = np.interp(
-        way,
-        way,
-        np.concatenate(
-            [
-                [0.0],
-                np.cumsum(
-                    np.hypot(
-                        *np.diff(
-                            values[:, [STATE.fields.index(n) for n in ("x_t_m", "y_t_m")]], axis=0
-                        ).T
-                    )
-                ),
-            ]
-        ),
-    )
+    x, y = (values[:, STATE.fields.index(name)] for name in ("x_t_m", "y_t_m"))
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     last = way[np.flatnonzero(np.abs(decay) > 0.1)[-1]]
     assert entry.tractor.settled_m == pytest.approx(np.interp(last, way, driven), abs=0.05)
     assert entry.trailer.settled_m < entry.tractor.settled_m

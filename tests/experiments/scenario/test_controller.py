@@ -28,6 +28,7 @@ NOISE = {
     "gnss_white_share": 1.0,
     "gnss_correlation_time_s": 60.0,
     **dict.fromkeys(("gnss_correlation_m", "gnss_shared", "gnss_float_sd_m"), 0.0),
+    "angle_offset_sd_deg": 0.0,
     "yaw_rate_sd_degps": 0.1,
     "yaw_rate_bias_sd_degps": 0.05,
 }

@@ -29,7 +29,7 @@ class Slips(NamedTuple):
 
 
 def slips(augmented: FloatArray) -> Slips:
-    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (22,).
+    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (24,).
 
     e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`.
     """
@@ -45,7 +45,7 @@ def slips(augmented: FloatArray) -> Slips:
 def estimate_of(
     augmented: FloatArray, covariance: FloatArray, time_s: float, vehicle: Vehicle
 ) -> Estimate:
-    """Return the estimate of an augmented state (22,) with its covariance (22, 22)."""
+    """Return the estimate of an augmented state (24,) with its covariance (24, 24)."""
     row = np.full(ESTIMATE.itemsize // 8, nan)
     write_estimate(augmented, covariance, vehicle_parameters(vehicle), row)
     row.view(ESTIMATE)["time_s"] = time_s

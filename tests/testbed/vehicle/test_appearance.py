@@ -3,8 +3,7 @@ from collections import Counter
 import mujoco
 import numpy as np
 from proving_ground.testbed.ground import terrain
-from proving_ground.testbed.ground.features import Bump
-from proving_ground.testbed.ground.soil import SoilMap, Tracks, Tramlines
+from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.appearance import tyre_mesh
 from proving_ground.testbed.vehicle.vehicle import read_vehicle
@@ -22,28 +21,6 @@ def test_tyre_mesh_is_closed_and_faces_outwards():
     assert 0.6 * ring < volume < ring
     reach = np.hypot(vertices[:, 0], vertices[:, 2])
     assert 0.39 < reach.max() <= 0.4
-
-
-def test_hard_and_soft_tracks_and_a_bump_can_be_seen():
-    bump = Bump(x_m=0.0, y_m=0.0, height_m=0.1, width_m=0.8, length_m=10.0, along_deg=0.0)
-    line = np.array([[-9.0, 0.0], [9.0, 0.0]])
-    layers = (
-        Tramlines((line + np.array([0.0, 3.0]),), Tracks(track_m=1.0)),
-        Tramlines((line - np.array([0.0, 3.0]),), Tracks(track_m=1.0, strength_factor=1.0 / 1.5)),
-    )
-    for background in (300.0, 600.0, 1000.0):
-        ground = terrain.flat((20.0, 12.0)).shaped((bump,))
-        image = (
-            Plant(read_vehicle(), ground, SoilMap(background, layers))
-            .drawn_model()
-            .texture("ground")
-            .data.astype(float)[::-1]
-        )
-        rows = image.mean(axis=(1, 2))  # brightness from south to north
-        at = {y: rows[round((y + 6.0) / 12.0 * (len(rows) - 1))] for y in (-2.5, 0.2, -0.2, 2.5, 5)}
-        assert at[2.5] > at[5] + 3.0, "harder: paler"
-        assert at[-2.5] < at[5] - 3.0, "softer: darker"
-        assert abs(at[0.2] - at[-0.2]) > 15.0, "one flank in the light, one in the shade"
 
 
 def test_drawn_model_moves_as_the_physics_does():

@@ -175,7 +175,7 @@ def test_the_filter_is_that_of_the_textbook():
     """
     generator = np.random.default_rng(76)
     noise = ProcessNoise(scale_walk=1e-12, scale_sd=1e-9)
-    sensors = SensorNoise(gnss_white_share=0.5)
+    sensors = SensorNoise(gnss_white_share=0.5, angle_offset=0.01)
     augmented = random_augmented(generator)
     augmented[7:] = 0.0
     now = Plain(samples(augmented, generator, 0.0), sensors, noise, 1e-9)
@@ -242,6 +242,7 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
     def run(factor):
         generator = np.random.default_rng(77)
         augmented = random_augmented(generator)
+        augmented[AugmentedState.OFFSET_I : AugmentedState.GYRO_T] = 0.0  # sensors without any
         augmented[7:] = 0.0
         noise = ProcessNoise(**{name: factor}, scale_sd=1e-4, scale_walk=1e-12)
         now = Plain(samples(augmented, generator, 0.0), SensorNoise(), noise, 1e-12)

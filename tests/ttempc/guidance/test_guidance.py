@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import time
 from dataclasses import replace
 from typing import Any
@@ -247,6 +249,22 @@ def test_an_exchange_changes_nothing_before_its_tick_and_no_command_beyond_its_r
     assert not np.array_equal(sent[EXCHANGE:], alone[EXCHANGE:])
     steps = np.abs(np.diff(sent, axis=0))
     assert (steps <= CommandLimits.of(VEHICLE, PERIOD_S).step + 1e-12).all()
+
+
+@pytest.mark.parametrize("name", ["ttempc", "paper", "pid", "nmpc-rti"])
+def test_copies_of_a_guidance_drive_on_alike(received, name):
+    forks = [Guidance(VEHICLE, PATH, controller=name)]
+    for k, measurements in enumerate(received[:60]):
+        if k == 35:  # an attempt of the learner is under way
+            forks += [copy.deepcopy(forks[0]), pickle.loads(pickle.dumps(forks[0]))]
+        records = set()
+        for each in forks:
+            each.wait()
+            each.update(k * PERIOD_S, measurements)
+            each.step()
+            parts = each.estimate_record, each._monitors.record, each.tick_record
+            records.add(b"".join(part.tobytes() for part in parts))
+        assert len(records) == 1
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,10 +1,10 @@
-"""Truth reader: moments of a plant as rows of numbers, from MuJoCo's data."""
+"""Moments of a plant as rows of numbers, from MuJoCo's data."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
 import math
-from typing import Any, Final
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,64 +13,30 @@ from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
 from ..implement.mounted import MountedImplement
-from ..truth import TOOL_SIZE, TRUTH_SIZE, Moments
 
 
-class TruthReader:
-    """Reader of the present state; positions and velocities in `data` must be up to date.
-
-    `arguments` are those of `write_moment` from `places` on.
-
-    Args:
-        model: of the plant.
-        data: of the plant; it is not changed.
-        output: (6, 7) report of the wheels, in the order of `WHEELS` and `Output`.
-        rear_radius: of the driven wheels [m].
-        implement: on the trailer, None without one.
-    """
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        output: FloatArray,
-        rear_radius: float,
-        implement: MountedImplement | None = None,
-    ) -> None:
-        self._data, self._bodies = data, model.nbody
-        self._tool = TOOL_SIZE + implement.output.size if implement else 0
-        antennas = [model.site(f"antenna_{name}").id for name in ("tractor", "trailer")]
-        self.lever_arms = model.site_pos[antennas]  # (2, 3) [m] bodies' frames
-        places = [
-            *(model.body(name).id for name in ("tractor", "drawbar", "trailer")),
-            *antennas,
-            *(model.joint(name).qposadr[0] for name in ("rj1_yaw", "steer", "rj2_yaw")),
-            *(model.joint(name).dofadr[0] for name in ("rear_left", "rear_right")),
-            model.actuator("hydrostat").actadr[0],
-        ]
-        self.arguments: Final[tuple[Any, ...]] = (
-            np.array(places, dtype=np.int64),
-            float(rear_radius),
-            implement.settings.behind_m if implement else 0.0,
-            # views of MuJoCo's arrays, bound once: they outlive a reset of the data
-            (
-                *(data.qpos, data.qvel, data.act, data.ctrl, data.xpos, data.xquat, data.xmat),
-                *(data.cvel, data.subtree_com, data.site_xpos),
-            ),
-            output,
-            *((implement.lift, implement.output) if implement else (np.zeros(2), np.zeros((0, 3)))),
-        )
-
-    def moments(self, count: int) -> Moments:
-        """Return arrays for a number of moments, to be written by `put`."""
-        rows, poses = np.empty((count, TRUTH_SIZE)), np.empty((count, self._bodies, 7))
-        return Moments(rows, poses, np.empty((count, self._tool)))
-
-    def put(self, moments: Moments, number: int) -> Moments:
-        """Write the present state; wheel forces are those of the step that led to it."""
-        row, poses, tool = (part[number] for part in moments)
-        write_moment(self._data.time, row, poses, tool, *self.arguments)
-        return moments
+def moment_arguments(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    output: FloatArray,
+    rear_radius: float,
+    implement: MountedImplement | None = None,
+) -> tuple[Any, ...]:
+    """Return the arguments of `write_moment` from `places` on; they outlive a reset of the data."""
+    places = [
+        *(model.body(name).id for name in ("tractor", "drawbar", "trailer")),
+        *(model.site(f"antenna_{name}").id for name in ("tractor", "trailer")),
+        *(model.joint(name).qposadr[0] for name in ("rj1_yaw", "steer", "rj2_yaw")),
+        *(model.joint(name).dofadr[0] for name in ("rear_left", "rear_right")),
+        model.actuator("hydrostat").actadr[0],
+    ]
+    state = (
+        *(data.qpos, data.qvel, data.act, data.ctrl, data.xpos, data.xquat, data.xmat),
+        *(data.cvel, data.subtree_com, data.site_xpos),
+    )
+    behind = implement.settings.behind_m if implement else 0.0
+    worked = (implement.lift, implement.output) if implement else (np.zeros(2), np.zeros((0, 3)))
+    return np.array(places, dtype=np.int64), float(rear_radius), behind, state, output, *worked
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
