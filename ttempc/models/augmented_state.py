@@ -117,7 +117,7 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (10,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (11,).
     """
     e = estimate.view(ESTIMATE)[0]
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -188,6 +188,7 @@ class VehicleParameter(IntEnum):
     STEERING_LAG_I = 7
     STEERING_RATE_T = 8
     STEERING_RATE_I = 9
+    TRAILER_TURNING_OFFSET = 10
 
 
 class SensorIndex(IntEnum):
@@ -204,7 +205,7 @@ class SensorIndex(IntEnum):
 
 
 def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (10,), SI units."""
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (11,), SI units."""
     return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
 
 
@@ -236,7 +237,8 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     rim = x[AugmentedState.RIM]
     wheelbase = parameters[VehicleParameter.WHEELBASE]
     a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    turning = parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH] + turning
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     gear = math.copysign(1.0, rim)
     gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
@@ -271,7 +273,8 @@ def state_rate_jacobian(
     rim = x[AugmentedState.RIM]
     wheelbase = parameters[VehicleParameter.WHEELBASE]
     a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    turning = parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH] + turning
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     sin_p, cos_p = math.sin(psi_i), math.cos(psi_i)
     gear = math.copysign(1.0, rim)

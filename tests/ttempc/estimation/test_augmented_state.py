@@ -30,7 +30,7 @@ from ttempc.models.rows import WIDTH
 from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
-VEHICLE = Vehicle(hitch_offset=0.4, drawbar_length=0.9)
+VEHICLE = Vehicle(hitch_offset=0.4, drawbar_length=0.9, trailer_turning_offset=0.25)
 PARAMETERS = vehicle_parameters(VEHICLE)
 
 
