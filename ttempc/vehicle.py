@@ -15,6 +15,9 @@ from .types import FloatArray
 MAX_DEAD_TIME_S: Final = 2.0
 """Longest dead time of an actuator [s]: ten control periods."""
 
+OF_TOOL: Final = frozenset({"trailer_turning_offset", "tool_behind"})
+"""Fields of `Vehicle` that are those of a tool, not of the vehicle itself."""
+
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
@@ -49,6 +52,10 @@ class Vehicle:
     dead_time_t: float = 0.0  # front steering
     dead_time_i: float = 0.0  # trailer steering
     dead_time_hp: float = 0.0  # hydrostat
+    # The trailer turns about a point c behind its axle, where a tool that the soil holds drags it
+    # outwards; 0 without one [m]. c lengthens the trailer in its yaw equation alone.
+    trailer_turning_offset: float = 0.0
+    tool_behind: float = 0.0  # tool point behind the trailer axle [m]; 0: no tool
     reverse: bool = False  # gear: hydrostat positions -1..0 in reverse, else 0..1 as in the paper
 
     def __post_init__(self) -> None:
@@ -59,9 +66,12 @@ class Vehicle:
                     raise InvalidVehicle(
                         f"{what}: got {value}, must be from 0 to {MAX_DEAD_TIME_S} s"
                     )
-            elif item.name == "hitch_offset":
+            elif item.name in ("hitch_offset", "trailer_turning_offset"):
                 if not math.isfinite(value):
                     raise InvalidVehicle(f"{what}: got {value}, must be finite")
+            elif item.name == "tool_behind":
+                if not 0.0 <= value < math.inf:
+                    raise InvalidVehicle(f"{what}: got {value}, must be finite and 0 or above")
             elif item.name != "reverse" and not (math.isfinite(value) and value > 0.0):
                 raise InvalidVehicle(f"{what}: got {value}, must be finite and above 0")
         for name in ("steering_limit_t", "steering_limit_i"):

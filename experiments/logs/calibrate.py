@@ -52,7 +52,7 @@ def calibrate(log: Path) -> Calibration:
     if driven_s < _LEAST_S:
         raise InvalidReplay(f"{log}: holds {driven_s:.0f} s of driving, must be {_LEAST_S:.0f} s")
     noise = scenario.controller.noise.sensor_noise(scenario.sensors)
-    fit = fit_lengths(window, vehicle, vehicle, noise, ProcessNoise())
+    fit = fit_lengths(window, vehicle, vehicle, noise, ProcessNoise.of(vehicle))
     if fit is None:
         raise InvalidReplay(
             f"{log}: no lengths fit; samples of both receivers, both steering angles, hitch angle "
@@ -65,10 +65,10 @@ def calibrate(log: Path) -> Calibration:
             f"{log}: has too few curves: the wheelbase is known to {100 * known:.0f} % only, must "
             f"be {100 * KNOWN_SD:.0f} %"
         )
-    after = dict(zip(LENGTHS, fit.lengths.tolist(), strict=True))
+    after = dict(zip(LENGTHS, fit.lengths.tolist(), strict=False))
     changes = tuple(
         ParameterChange(name, getattr(vehicle, name), after[name], deviation)
-        for name, deviation in zip(LENGTHS, sd.tolist(), strict=True)
+        for name, deviation in zip(LENGTHS, sd.tolist(), strict=False)
     )
     values = {LENGTH_KEYS[name]: value for name, value in after.items()}
     text = edited_file(scenario.plant.vehicle.file_text(), values, f"fitted to {log}")

@@ -111,10 +111,8 @@ def format_consistency(figures: Consistency) -> list[str]:
         f"{item.name:<16}{item.bias:>11.5f}{item.rms:>11.5f}{item.claimed:>11.5f}{item.nees:>8.2f}"
         for item in figures.states
     ]
-    lines.append("")
-    lines.append(
-        f"{'sensor':<18}{'samples':>8}{'rejected':>9}{'NIS':>8}{'autocorr.':>11}{'log-likelihood':>16}"
-    )
+    heads = f"{'samples':>8}{'rejected':>9}{'NIS':>8}{'autocorr.':>11}{'log-likelihood':>16}"
+    lines += ["", f"{'sensor':<18}{heads}"]
     lines += [
         f"{item.name:<18}{item.samples:>8}{item.rejected:>9}{item.nis:>8.3f}"
         f"{item.autocorrelation:>11.3f}{item.log_likelihood:>16.1f}"

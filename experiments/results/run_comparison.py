@@ -106,11 +106,8 @@ def format_comparison(runs: Sequence[ComparedRun]) -> str:
             cells = (centimetres(getattr(error, COLUMNS[name])) for name in _COLUMNS)
             blocks.append(run.label.ljust(width) + "".join(cell.rjust(10) for cell in cells))
     corridors = {run.label: corridor_statistics(run.record) for run in runs}
-    if any(corridors.values()):
-        blocks.append("")
-    for label, corridor in corridors.items():
-        if corridor is not None:
-            blocks.append(f"{label.ljust(width)}{format_corridor(corridor)}")
+    kept = {label: format_corridor(each) for label, each in corridors.items() if each}
+    blocks += ["", *(f"{label.ljust(width)}{text}" for label, text in kept.items())] if kept else []
     blocks += ["", "Use of the actuators, whole run"]
     for run in runs:
         inputs = asdict(input_statistics(run.record))

@@ -319,11 +319,8 @@ def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
             tool and _error_statistics(tool.at(rows & np.isfinite(tool.along_m))),
         )
 
-    return TrackingStatistics(
-        straight=over(errors.counted & ~errors.curved),
-        curve=over(errors.counted & errors.curved),
-        all=over(errors.counted),
-    )
+    counts, curved = errors.counted, errors.curved
+    return TrackingStatistics(over(counts & ~curved), over(counts & curved), over(counts))
 
 
 def input_statistics(record: Record) -> InputsStatistics:
@@ -334,20 +331,13 @@ def input_statistics(record: Record) -> InputsStatistics:
 
     def statistics(name: str) -> InputStatistics:
         command = table[f"{name}_command"]
-        at_bound = (command <= table[f"{name}_min"] + _AT_BOUND) | (
-            command >= table[f"{name}_max"] - _AT_BOUND
-        )
-        saturated = at_bound | (table[f"{name}_limited"] > 0.5)
+        low, high = table[f"{name}_min"] + _AT_BOUND, table[f"{name}_max"] - _AT_BOUND
+        saturated = (command <= low) | (command >= high) | (table[f"{name}_limited"] > 0.5)
         steps = np.diff(command)
-        return InputStatistics(
-            saturated_fraction=_mean(saturated),
-            rms_rate=_rms(steps / np.diff(table.time_s)),
-            travel_per_m=_number(np.abs(steps).sum() / driven_m) if driven_m else None,
-        )
+        travel = _number(np.abs(steps).sum() / driven_m) if driven_m else None
+        return InputStatistics(_mean(saturated), _rms(steps / np.diff(table.time_s)), travel)
 
-    return InputsStatistics(
-        delta_t=statistics("delta_t_rad"), delta_i=statistics("delta_i_rad"), hp=statistics("hp")
-    )
+    return InputsStatistics(*map(statistics, ("delta_t_rad", "delta_i_rad", "hp")))
 
 
 def _error_statistics(error: BodyError) -> ErrorStatistics:
@@ -389,11 +379,7 @@ def _timing(record: Record, duration_s: float, wall_s: float | None) -> TimingSt
 
 def _spread(cost_us: FloatArray) -> Spread:
     finite = cost_us[np.isfinite(cost_us)]  # a tick without a QP has no QP solve time
-    return Spread(
-        median=_percentile(finite, 50.0),
-        p99=_percentile(finite, 99.0),
-        max=_percentile(finite, 100.0),
-    )
+    return Spread(*(_percentile(finite, percent) for percent in (50.0, 99.0, 100.0)))
 
 
 def _tube(record: Record) -> TubeStatistics | None:
@@ -403,13 +389,9 @@ def _tube(record: Record) -> TubeStatistics | None:
     margin = deviations.margin
     if not margin.size:
         return TubeStatistics(None, None, None)
-    across = {
-        body: float(deviations.half_width[:, column].max())
-        for body, column in deviations.ACROSS.items()
-    }
-    return TubeStatistics(
-        _mean(margin >= 0.0), _number(margin.min()), half_width_max_m=TubeHalfWidths(**across)
-    )
+    largest = deviations.half_width.max(axis=0)
+    across = {body: float(largest[column]) for body, column in deviations.ACROSS.items()}
+    return TubeStatistics(_mean(margin >= 0.0), _number(margin.min()), TubeHalfWidths(**across))
 
 
 def corridor_statistics(record: Record) -> CorridorStatistics | None:
@@ -422,10 +404,8 @@ def corridor_statistics(record: Record) -> CorridorStatistics | None:
     def outside(point: str) -> OutsideStatistics:
         offset = np.abs(table[f"{point}_m"])
         rows = time_counts & np.isfinite(table["half_width_m"]) & np.isfinite(offset)
-        return OutsideStatistics(
-            outside_fraction=_mean(offset[rows] > table["half_width_m"][rows]),
-            max_m=_percentile(offset[rows], 100.0),
-        )
+        beyond = _mean(offset[rows] > table["half_width_m"][rows])
+        return OutsideStatistics(beyond, _percentile(offset[rows], 100.0))
 
     _, state, rows = rows_at_same_time(record, STATE, CORRIDOR)
     limit = table["hitch_limit_rad"][rows]
@@ -462,10 +442,8 @@ def entry_statistics(record: Record, errors: TrackingErrors) -> EntryStatistics 
         side = math.copysign(1.0, cross[0] if abs(cross[0]) > ENTERED_M else turned)
         beyond = np.flatnonzero(np.abs(cross) > ENTERED_M)
         entered = int(beyond[-1]) + 1 if beyond.size else 0
-        return PointEntry(
-            overshoot_m=max(0.0, float((-side * cross).max())),
-            settled_m=float(at[entered]) if entered < len(at) else None,
-        )
+        settled_m = float(at[entered]) if entered < len(at) else None
+        return PointEntry(max(0.0, float((-side * cross).max())), settled_m)
 
     return EntryStatistics(**{name: entry(error) for name, error in errors.by_point.items()})
 
@@ -474,20 +452,14 @@ def _slip(record: Record) -> SlipStatistics:
     table = record[TYRES]
     rear = np.abs(table.columns("rear_left_slip", "rear_right_slip"))
     angle = np.abs(table.columns("trailer_left_slip_angle_rad", "trailer_right_slip_angle_rad"))
-    return SlipStatistics(
-        rear_mean=_mean(rear),
-        rear_p95=_percentile(rear, 95.0),
-        trailer_slip_angle_p95_rad=_percentile(angle, 95.0),
-    )
+    return SlipStatistics(_mean(rear), _percentile(rear, 95.0), _percentile(angle, 95.0))
 
 
 def _extremes(record: Record) -> ExtremeStatistics:
     table = record[STATE]
     tilt = table.columns("roll_t_rad", "pitch_t_rad", "roll_i_rad", "pitch_i_rad")
     fold = table.columns("beta_rad", "delta_i_rad")
-    return ExtremeStatistics(
-        tilt_rad=_percentile(np.abs(tilt), 100.0), fold_rad=_percentile(np.abs(fold), 100.0)
-    )
+    return ExtremeStatistics(*(_percentile(np.abs(each), 100.0) for each in (tilt, fold)))
 
 
 def _implement(record: Record) -> ImplementStatistics | None:

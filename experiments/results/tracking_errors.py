@@ -31,13 +31,8 @@ QUANTITIES: Final = tuple(
 """Quantities that a tube bounds: errors of the minimal state, then x and y of the trailer point."""
 
 _POSITION_ERRORS: Final = {"tractor": ("x_t_e_m", "y_t_e_m"), "trailer": ("x_i_e_m", "y_i_e_m")}
-_SCALAR_ERRORS: Final = {  # error z_r - z of one field
-    "psi_t_e_rad": "psi_t_rad",
-    "psi_i_e_rad": "psi_i_rad",
-    "delta_t_e_rad": "delta_t_rad",
-    "delta_i_e_rad": "delta_i_rad",
-    "v_e_mps": "v_mps",
-}
+_SCALARS: Final = ("psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
+_SCALAR_ERRORS: Final = {"_e_".join(name.rsplit("_", 1)): name for name in _SCALARS}  # z_r - z
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """`[terrain]` and `[soil]`: shape and strength of the ground."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -167,6 +168,8 @@ class SoilSettings:
     """Round patches of another strength."""
     tramlines: tuple[AnyTramlines, ...] = ()
     """Wheel tracks of earlier passes."""
+    ruts: bool = False
+    """Whether wheels press the ground, for themselves and for those that follow."""
 
     def __post_init__(self) -> None:
         if self.name is not None and self.cone_index_kpa is not None:
@@ -194,6 +197,6 @@ class SoilSettings:
             *(settings.tramlines(path) for settings in self.tramlines),
         ]
         if self.name is not None:
-            return SoilMap.named(self.name, tuple(layers))
+            return replace(SoilMap.named(self.name, tuple(layers)), ruts=self.ruts)
         assert self.cone_index_kpa is not None
-        return SoilMap(self.cone_index_kpa, tuple(layers))
+        return SoilMap(self.cone_index_kpa, tuple(layers), self.ruts)

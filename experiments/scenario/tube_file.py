@@ -15,7 +15,7 @@ from ttempc.errors import TtempcError
 from ttempc.tube.reference_tube import AncillaryWeights, TubeDesign
 from ttempc.tube.sets import DisturbanceSet, Shape
 from ttempc.types import State
-from ttempc.vehicle import Vehicle
+from ttempc.vehicle import OF_TOOL, Vehicle
 
 from ...testbed.configuration.config_io import STRICT, validated
 from ...testbed.configuration.resources import ShippedFiles
@@ -173,9 +173,9 @@ def read_tube(name: str) -> TubeFile:
     try:
         tube = validated(TubeFile, content, InvalidFit)
         required = {item.name for item in fields(Vehicle)}
-        if set(tube.vehicle) != required:
-            differing = ", ".join(sorted(required ^ set(tube.vehicle)))
-            raise InvalidFit(f"vehicle: keys that are missing or unknown: {differing}")
+        if differing := (required ^ set(tube.vehicle)) - OF_TOOL:
+            named = ", ".join(sorted(differing))
+            raise InvalidFit(f"vehicle: keys that are missing or unknown: {named}")
         tube.design()
     except (InvalidFit, TtempcError) as error:
         raise InvalidFit(f"{file}: {error}") from None

@@ -31,6 +31,7 @@ class Ground:
 
     terrain: Terrain
     cone_index: FloatArray  # (ny, nx) [kPa] at the points of the terrain's grid
+    ruts: bool = False  # whether wheels press it; `terrain` is its shape before
 
     def cone_index_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the cone index [kPa] of the grid points nearest to (x, y) [m], all (n,).

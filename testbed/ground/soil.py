@@ -63,6 +63,7 @@ class SoilMap:
 
     background: float  # cone index [kPa]
     layers: tuple[Layer, ...] = field(default=())
+    ruts: bool = False  # whether wheels press the ground
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.background) and self.background > 0.0):

@@ -28,7 +28,7 @@ class TruthEstimator:
     (s_i, l_i), the displacements of tractor and trailer point along and across the mean heading of
     their bodies in a period T, and the symbols of `ttempc.models.kinematics.articulated`:
 
-        slips    l / s,   l_i / s,   1 - s / (T rim)
+        slips    l / s,   (l_i - c dpsi_i) / s,   1 - s / (T rim)
         steering atan(L_t dpsi_t / s) - delta_t
         drive    ((v(k+1) - a v(k)) / (1 - a) - K hp) / tau,   a = exp(-T / tau)
 
@@ -82,7 +82,8 @@ class TruthEstimator:
         steady = (truth.speed - decay * last.speed) / (1.0 - decay)
         present: FloatArray = np.empty(len(Disturbance))
         present[Disturbance.SLIP_T] = across_t / along
-        present[Disturbance.SLIP_I] = across_i / along
+        turning = vehicle.trailer_turning_offset * _turn(last.trailer, truth.trailer)
+        present[Disturbance.SLIP_I] = (across_i - turning) / along
         present[Disturbance.STEERING] = math.atan(vehicle.wheelbase * turn / along) - 0.5 * (
             last.delta_t + truth.delta_t
         )

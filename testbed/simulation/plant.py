@@ -99,7 +99,7 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
-        self.ground = Ground(terrain, soil.rasterised(terrain))
+        self.ground = Ground(terrain, soil.rasterised(terrain), soil.ruts)
         self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, self.wheel_law)
         self.implement = implement and MountedImplement(
             implement, model, data, vehicle, self.ground, soil.background
@@ -147,8 +147,7 @@ class Plant:
         if not all(map(math.isfinite, (x, y, yaw, speed))):
             raise InvalidPlant(f"reset: got {(x, y, yaw, speed)}, every value must be finite")
         mujoco.mj_resetData(self.model, self.data)
-        self.wheels.state[:] = 0.0
-        self.wheels.output[:] = 0.0
+        self.wheels.reset()
         if self.implement:
             self.implement.state[:] = 0.0
         self._place(x, y, yaw)

@@ -24,7 +24,7 @@ class WheelModel:
 
     The plant calls `adapt` before it compiles the MJCF. For every series of physics steps it calls
     `prepare` once, `step` before the accelerations of each step, and `report` after the
-    accelerations of the last one. A reset sets `state` and `output` to zero.
+    accelerations of the last one.
     """
 
     follows_soil_law: ClassVar[bool] = False  # its forces are those of `soil_law`
@@ -42,6 +42,11 @@ class WheelModel:
     @staticmethod
     def adapt(spec: mujoco.MjSpec) -> None:
         """Change the MJCF, in place, to what the model needs."""
+
+    def reset(self) -> None:
+        """Return to the state before any motion."""
+        self.state[:] = 0.0
+        self.output[:] = 0.0
 
     def prepare(self) -> None:
         """Prepare a series of steps from the loads of the last report."""
@@ -62,7 +67,7 @@ class SoilWheels(WheelModel):
     Those of `couple_joints`, which steer the front wheels, are added to `qfrc_passive`.
 
     The state holds the tread deflections [m]: a restored run without them is 29 mm away after
-    10 s. With a second pass it also holds the tracks of the run.
+    10 s. With a second pass it also holds the tracks of the run, with ruts the heights.
     """
 
     follows_soil_law: ClassVar[bool] = True
@@ -72,17 +77,25 @@ class SoilWheels(WheelModel):
         self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground, law: SoilLaw
     ) -> None:
         super().__init__(model, data, tyres, ground, law)
-        tracks = 1 + ground.cone_index.size if law.second_pass else 0
-        self.state = np.zeros(3 * len(WHEELS) + tracks)
+        heights, n = ground.terrain.heights, len(WHEELS)
+        tracks = 1 + heights.size if law.second_pass else 0
+        self.state = np.zeros(5 * n + heights.size if ground.ruts else 3 * n + tracks)
+        self._firm = heights if ground.ruts else np.empty((0, 0))
+        self._heights = self.state[5 * n :] if ground.ruts else np.empty(0)
+        surface = self._heights.reshape(heights.shape) if ground.ruts else heights
+        for each in (surface, self._firm):
+            each.setflags(write=False)  # views: one compiled version of the kernel
+        self.reset()
         self.tyre_table: Final = tyres.table(law)
         terrain = ground.terrain
         # views of MuJoCo's arrays, bound once: they outlive a reset of the data
         self.arguments: Final = (  # of `wheel_step`
             law.of(tyres.radial).table(len(WHEELS)),
             self.tyre_table,
-            terrain.heights,
+            surface,
             ground.cone_index,
             np.array([*terrain.origin, terrain.spacing_m, model.opt.timestep]),
+            self._firm,
             np.array([model.body(wheel).id for wheel in WHEELS]),
             *(data.xpos, data.xmat, data.cvel, data.subtree_com),
             *(self.state, self.output, data.xfrc_applied),
@@ -91,6 +104,11 @@ class SoilWheels(WheelModel):
             coupling_table(model),
             *(data.qpos, data.qvel, data.qfrc_passive),
         )
+
+    def reset(self) -> None:
+        """Return to the state before any motion."""
+        super().reset()
+        self._heights[:] = self._firm.ravel()
 
     def couple(self) -> None:
         """Add the torques of the steering linkage for one physics step."""

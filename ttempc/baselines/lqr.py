@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import check_vector
+from ..errors import check_choice, check_vector
 from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 from ..models.linear import riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
-from ..reference.reference import Reference, ReferenceSample
+from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import Vehicle
 
@@ -33,10 +33,12 @@ class LqrOptions:
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)  # [1/m^2]
     # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction
     step_weight: tuple[float, ...] = (0.3, 0.1, 0.3)
+    guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 
     def __post_init__(self) -> None:
         check_vector("output_weight", self.output_weight, _OUTPUTS, zero=True)
         check_vector("step_weight", self.step_weight, _M)
+        check_choice("guided", self.guided, GUIDED)
 
 
 def step_gains(
@@ -93,6 +95,7 @@ def lqr_controller(
     vehicle: Vehicle, reference: Reference, period_s: float, options: LqrOptions = LqrOptions()
 ) -> TrackingController:
     """Compose the exact feedforward and the LQR of the articulated error model."""
+    reference = guided(reference, options.guided)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> LqrFeedback:
         return LqrFeedback(grid, reference, feedforward, period_s, options)

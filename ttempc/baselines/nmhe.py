@@ -63,7 +63,7 @@ class MovingHorizonEstimator:
             raise InvalidTuning(f"iterations: got {iterations}, must be 1 or more")
         self._vehicle, self._parameters = vehicle, vehicle_parameters(vehicle)
         self._sensor_noise = sensor_noise or SensorNoise()
-        self._process_noise = process_noise or ProcessNoise()
+        self._process_noise = process_noise or ProcessNoise.of(vehicle)
         self._iterations = iterations
         self._filter = ExtendedKalmanFilter(
             vehicle, self._sensor_noise, self._process_noise, gate_probability, window_s, True

@@ -13,13 +13,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import check_count
+from ..errors import check_choice, check_count
 from ..laws.articulated_mpc import MpcOptions
 from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 from ..mpc.articulated_error import PredictedPath, map_gains, remaining_bounds, split_disturbance
 from ..mpc.lmpc import QP, FirstInputs, HorizonTuning, Solver, StageBounds, move_bounds
 from ..mpc.qp import PersistentSolver
-from ..reference.reference import Reference, ReferenceSample
+from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State
 from ..vehicle import CommandLimits, Vehicle
 from .nmpc_model import (
@@ -160,6 +160,11 @@ class NmpcRtiOptions(MpcOptions):
     """Options of `nmpc-rti`."""
 
     solver: Solver = "daqp"  # of the QP: the faster one, or "piqp"
+    guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
+
+    def __post_init__(self) -> None:
+        MpcOptions.__post_init__(self)
+        check_choice("guided", self.guided, GUIDED)
 
 
 @dataclass(frozen=True)
@@ -318,6 +323,7 @@ def nmpc_controller(
     Raises:
         MissingPackage: the package of the QP solver is not installed.
     """
+    reference = guided(reference, options.guided)
     iterations = getattr(options, "iterations", 1)
     tuning = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
 

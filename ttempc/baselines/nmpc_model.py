@@ -305,7 +305,8 @@ def _rate(
     along_v, across_v = cos_t - slip_t * sin_t, sin_t + slip_t * cos_t
     yaw_t_v = math.sin(angle) / (cos_a * wheelbase)
     yaw_t_delta = v / (wheelbase * cos_a * cos_a)
-    arm = parameters[VehicleParameter.TRAILER_LENGTH] + d * cos_i
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    arm = length_i + parameters[VehicleParameter.TRAILER_TURNING_OFFSET] + d * cos_i
     slips = sin_l + slip_t * cos_l - disturbance[Disturbance.SLIP_I]
     yaw_i_v = (slips - a * yaw_t_v * cos_l) / arm
     yaw_i_rate = -d * cos_i / arm

@@ -7,14 +7,14 @@ farm vehicles using GPS", Proc. Precision Agriculture; Thuilot, Cariou, Martinet
 loop is designed by itself, on straight motion at the reference's speed, without the other two.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import check_positive
+from ..errors import check_choice, check_positive
 from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
-from ..models.kinematics import Error, estimated_error
-from ..reference.reference import Reference, ReferenceSample
+from ..models.kinematics import Error, tracking_error, trailer_point
+from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
@@ -28,10 +28,12 @@ class PidOptions:
     lag_ratio: float = 6.0
     # Lowest speed that gains are computed for [m/s]; they grow without bound towards 0; assumed
     least_speed_mps: float = 0.3
+    guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            check_positive(item.name, getattr(self, item.name))
+        check_positive("lag_ratio", self.lag_ratio)
+        check_positive("least_speed_mps", self.least_speed_mps)
+        check_choice("guided", self.guided, GUIDED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,9 @@ def trailer_steering_gains(
     integral action alone. `speed` is that of the trailer point at every tick (N,) [m/s].
     """
     d = vehicle.drawbar_length
-    lag = (d + vehicle.trailer_length) / _design_speed(speed, options)
+    lag = (d + vehicle.trailer_length + vehicle.trailer_turning_offset) / _design_speed(
+        speed, options
+    )
     p = np.maximum(pole(vehicle.steering_lag_i, period_s, options), 0.5 / np.abs(lag))
     return PidGains((1.0 - 2.0 * p * lag) / d, -(p**2) * lag / d, np.zeros_like(lag))
 
@@ -113,7 +117,7 @@ class PidFeedback(FeedbackLaw):
         period_s: float,
         options: PidOptions,
     ) -> None:
-        self._grid = grid
+        self._grid, self._vehicle = grid, vehicle
         self._feedforward = feedforward
         self._period_s = period_s
         speed = grid.state[:, State.V]
@@ -135,7 +139,8 @@ class PidFeedback(FeedbackLaw):
             self._integrals, self._unlimited = previous._integrals, previous._unlimited
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        z_e = estimated_error(estimate, self._grid, k)
+        point, grid = trailer_point(estimate.state, self._vehicle), self._grid
+        z_e = tracking_error(estimate.state, point, grid.state[k], grid.trailer_xy[k])
         error = -np.array([z_e[Error.Y_T], z_e[Error.Y_I], z_e[Error.X_T]])
         speed_t, speed_i = self._speed[k]
         rate = -np.array(
@@ -154,8 +159,9 @@ def pid_controller(
     vehicle: Vehicle, reference: Reference, period_s: float, options: PidOptions = PidOptions()
 ) -> TrackingController:
     """Compose the exact feedforward and conventional guidance."""
+    reference = guided(reference, options.guided)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> PidFeedback:
-        return PidFeedback(grid, feedforward, vehicle, period_s, options)
+        return PidFeedback(grid, feedforward, reference.vehicle, period_s, options)
 
     return around_exact_feedforward(vehicle, reference, period_s, 1, law)

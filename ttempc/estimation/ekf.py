@@ -105,7 +105,7 @@ class ExtendedKalmanFilter:
         memory_s: float = 2.5,
         keeps_all: bool = False,
     ) -> None:
-        sensors, process = sensor_noise or SensorNoise(), process_noise or ProcessNoise()
+        sensors, process = sensor_noise or SensorNoise(), process_noise or ProcessNoise.of(vehicle)
         self._vehicle, self._sensors, self._process = vehicle, sensors, process
         self.parameters = filter_parameters(
             vehicle, sensors, process, gate_probability, memory_s, keeps_all
@@ -200,7 +200,7 @@ class ExtendedKalmanFilter:
             start, before = row.view(MOMENT)[0], moments[-1].view(MOMENT)[0]
             disturbances = slice(STATES, AugmentedState.GYRO_T)
             start["augmented"][0, disturbances] = before["augmented"][0, disturbances]
-            start["scales"] = before["scales"]
+            start["scales"], start["slopes"] = before["scales"], before["slopes"]
         moments[0] = row
         h["begin"], h["moments"], h["resumes"] = 0, 1, 0
 

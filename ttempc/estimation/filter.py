@@ -60,6 +60,7 @@ _LONGEST_STEP_S: Final = 0.05  # a third of the front steering's lag
 _PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
 _LONGER_S: Final = 5.0  # the same of a receiver that may find a wrong fix; assumed
 _LONGEST_SPAN_S: Final = 0.1  # between samples of a gyro, for their mean to be that of the rate
+_SLOPE_S: Final = 0.5  # over which roll and pitch are smoothed; bumps last less
 _MOST_STEP: Final = 0.5  # of the logarithm of a factor at one sample; assumed
 _LEAST_VARIANCE: Final = 1e-12  # of an entry without uncertainty: covariances are invertible
 
@@ -83,6 +84,7 @@ FILTER: Final = np.dtype(
         # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
         # vector instructions, which takes four times as long.
         ("width", "i8"),
+        ("side_per_slope", "f8"),  # side slip on a slope [rad/rad]
     ]
 )
 """Record of a filter's constants: its vehicle and its noise."""
@@ -96,6 +98,7 @@ MOMENT: Final = np.dtype(
         ("valves", "f8", 2),  # set points of the steering valves [rad]
         ("rejected_since", "f8", _SENSORS),  # by the gate, without a break [s], or NaN
         ("gyros", "f8", (2, 4)),  # last samples: time [s], yaw rate, roll, pitch, or NaN
+        ("slopes", "f8", (2, 2)),  # side slip on the slope that each IMU shows, see `_weigh`
     ]
 )
 """Record of all that a filter carries from one time to the next."""
@@ -167,7 +170,9 @@ def predict(
         drawbar = f.vehicle[VehicleParameter.DRAWBAR_LENGTH] * math.cos(
             middle[AugmentedState.DELTA_I]
         )
-        swing = -drawbar / (f.vehicle[VehicleParameter.TRAILER_LENGTH] + drawbar)
+        trailer = f.vehicle[VehicleParameter.TRAILER_LENGTH]
+        trailer += f.vehicle[VehicleParameter.TRAILER_TURNING_OFFSET]
+        swing = -drawbar / (trailer + drawbar)
         for level in range(_LEVELS):
             for i in range(SIZE):
                 variance = step_s * f.rates[0, level, i] + travel * f.rates[1, level, i]
@@ -421,6 +426,16 @@ def _weigh(
         variance = variance * span_s * span_s + f.gyro_sampling * travel
         last[0], last[1], last[2], last[3] = time_s, sample[2], sample[3], sample[4]
         usable = span_s <= _LONGEST_SPAN_S
+        # Roll and pitch, smoothed and averaged over both bodies, are the slope; the filter follows
+        # the rest of the side slip that is fixed in the map.
+        share = 1.0 if math.isnan(span_s) else -math.expm1(-span_s / _SLOPE_S)
+        cos, sin = math.cos(now.augmented[0, psi]), math.sin(now.augmented[0, psi])
+        for i in range(2):
+            along, across = (sin, cos) if i else (cos, -sin)
+            slip = f.side_per_slope * (sample[4] * along - sample[3] * across)
+            change = share * (slip - now.slopes[body, i])
+            now.slopes[body, i] += change
+            now.augmented[0, AugmentedState.SIDE_X + i] += 0.5 * change
     result = 0.0, 0.0, 0.0, 0.0
     sample[5] = 0.0
     if usable:
@@ -839,6 +854,7 @@ def filter_parameters(
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
     f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
     f["keeps_all"], f["width"] = keeps_all, WIDTH
+    f["side_per_slope"] = process.side_per_slope
     return flat
 
 

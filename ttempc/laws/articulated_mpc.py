@@ -6,7 +6,7 @@ from typing import ClassVar, Final, Self
 
 import numpy as np
 
-from ..errors import check_flag
+from ..errors import check_choice, check_flag
 from ..mpc.articulated_error import (
     PredictedPath,
     corridor_bounds,
@@ -15,7 +15,7 @@ from ..mpc.articulated_error import (
 )
 from ..mpc.lmpc import CondensedHorizon, HorizonTuning
 from ..reference.corridor import SpeedTube
-from ..reference.reference import Reference, ReferenceSample
+from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
 from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows, tightened
 from ..types import FloatArray, State
 from ..vehicle import CommandLimits, Vehicle
@@ -81,6 +81,7 @@ class NominalOptions(MpcOptions):
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
     corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
+    guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
     # Half widths that tractor and trailer keep about the path: h_0, and h_1 by which they grow with
     # the speed. Whoever plans the reference drives a corridor as slowly as they ask, see
     # `ttempc.reference.corridor.SpeedTube`.
@@ -98,6 +99,7 @@ class NominalOptions(MpcOptions):
         MpcOptions.__post_init__(self)
         check_flag("disturbances", self.disturbances)
         check_flag("corridor", self.corridor)
+        check_choice("guided", self.guided, GUIDED)
         SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
 
 
@@ -189,6 +191,7 @@ def articulated_controller(
     """
     if design:
         design.require(vehicle, period_s)
+    reference = guided(reference, options.guided)
     speed = reference.speed.top_speed
     tuning, robust = options.for_vehicle(vehicle, speed, period_s), None
     if isinstance(options, ArticulatedOptions) and options.robust:

@@ -16,7 +16,9 @@ from ..vehicle import Vehicle
 from .window import RecordedTick, Recorder, Window
 
 LENGTHS: Final = ("wheelbase", "hitch_offset", "drawbar_length", "trailer_length")
-"""Fields of `Vehicle` that are lengths [m]; all others that are identified are times [s]."""
+"""Fields of `Vehicle` that are lengths [m] of any vehicle."""
+TURNING: Final = "trailer_turning_offset"
+"""Field of `Vehicle` that is a length [m] of one with a tool; all other learnt ones are times."""
 
 _ATTEMPTS_S: Final = (6.0, 12.0, 20.0, 60.0)  # after the first tick; the first for dead times
 _EVERY_S: Final = 60.0  # after the last of them
@@ -37,7 +39,7 @@ class ParameterChange:
     sd: float  # of the error of `after`
 
     def __str__(self) -> str:
-        unit = "m" if self.name in LENGTHS else "s"
+        unit = "m" if self.name in (*LENGTHS, TURNING) else "s"
         return f"vehicle.{self.name} {self.before:.3g} -> {self.after:.3g} +- {self.sd:.2g} {unit}"
 
 

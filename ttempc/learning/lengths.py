@@ -39,10 +39,9 @@ from ..models.augmented_state import (
 from ..models.rows import WIDTH
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
-from .learner import LENGTHS, Identification, ParameterChange
+from .learner import LENGTHS, TURNING, Identification, ParameterChange
 from .window import COMMAND, HEADINGS, SAMPLES, TIME, RecordedTick, Window
 
-PARAMETERS: Final = 4  # lengths, the first of `VehicleParameter`
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 
 
@@ -61,9 +60,9 @@ def replay(
     Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
     of the sample, command (3,) of the span, number of integration steps, block. `parameters` and
     `moment` are those of the filter; a sample beyond its gate is used with its noise raised until
-    it just passes. `copies` (4, 24) are the raised states, `copy_parameters` (4, 10) their
+    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 11) their
     parameters. J' J and J' r of the whitened innovations r and their derivatives J by the steps of
-    the parameters are added to `normal` (4, 4) and, by block, to `gradients` (blocks, 4).
+    the parameters are added to `normal` (p, p) and, by block, to `gradients` (blocks, p).
     """
     f = parameters.view(FILTER)[0]
     x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
@@ -71,16 +70,16 @@ def replay(
     middle, inputs, faded = np.empty(WIDTH), np.empty(3), np.empty(SIZE - STATES)
     reading, other, unused = np.zeros(2), np.zeros(2), np.empty((2, SIZE))
     copy_valves = np.empty(2)
-    derivative, e = np.zeros((PARAMETERS, 2)), np.zeros(2)
+    count, size = copies.shape  # no constants, see `FILTER`
+    derivative, e = np.zeros((count, 2)), np.zeros(2)
     rows = np.empty((8, 2, WIDTH))  # workspace of `correct`, which leaves gain and factor there
     gain, root = rows[1], rows[7, 1]
-    size = copies.shape[1]  # no constant, see `FILTER`
     cost = 0.0
     for row in range(len(events)):
         span = events[row, 1]
         if span > 0.0:
             command, steps = events[row, 4:7], int(events[row, 7])
-            for j in range(PARAMETERS):
+            for j in range(count):
                 copy_valves[0], copy_valves[1] = valves[0], valves[1]
                 for _ in range(steps):
                     move_augmented_state(
@@ -115,7 +114,7 @@ def replay(
         factor = max(1.0, normalised / gate)
         cost += min(normalised, gate) + math.log(factor) * m + log_determinant
         e[0], e[1] = first / math.sqrt(factor), second / math.sqrt(factor)
-        for j in range(PARAMETERS):
+        for j in range(count):
             measure(sensor, copies[j], copy_parameters[j], 0.0, other, unused)
             derivative[j, 0] = (reading[0] - other[0]) / root[0]
             if m == 2:
@@ -127,10 +126,10 @@ def replay(
             for i in range(STATES, SIZE):
                 bound = _BOUND[i - STATES]
                 copies[j, i] = min(max(copies[j, i], -bound), bound)
-        for j in range(PARAMETERS):
+        for j in range(count):
             for r in range(m):
                 gradients[int(events[row, 8]), j] += derivative[j, r] * e[r]
-                for i in range(PARAMETERS):
+                for i in range(count):
                     normal[i, j] += derivative[i, r] * derivative[j, r]
     return cost
 
@@ -147,6 +146,8 @@ _MEAN_S: Final = 0.2  # over which samples of a sensor are averaged; a lag of th
 
 _GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
 _SLIP: Final = 0.03  # relative tolerance of what tyres can feign, see `_tolerance`; assumed
+_N: Final = len(LENGTHS)
+_CHANGE_M: Final = 0.03  # the same of the turning offset, whose effect is as its own; assumed
 _CHANGE: Final = 0.02  # relative change of the lengths below which nothing is exchanged; assumed
 _REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
 KNOWN_SD: Final = 0.05
@@ -166,25 +167,31 @@ class LengthIdentifier:
         self, vehicle: Vehicle, noise: SensorNoise, process: ProcessNoise | None = None
     ) -> None:
         self._given = vehicle
-        self._noise, self._process = noise, process or ProcessNoise()
+        self._noise, self._process = noise, process or ProcessNoise.of(vehicle)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""
         fit = fit_lengths(window, vehicle, self._given, self._noise, self._process)
         if fit is None:
             return Identification(vehicle)
-        given, present = _lengths(self._given), _lengths(vehicle)
-        sd = np.sqrt(np.diag(fit.covariance))
-        wheelbase, _, _, trailer = sd / given
+        given, present, covariance = _lengths(self._given), _lengths(vehicle), fit.covariance
+        sd = np.sqrt(np.diag(covariance))
+        wheelbase, _, _, trailer = sd[:_N] / given[:_N]
         rejected = fit.rejection > _REJECTED
         settled = bool(max(wheelbase, trailer) < (0.5 if rejected else 1.0) * KNOWN_SD) and (
             rejected or fit.rejection < 0.5 * _REJECTED
         )
-        lengths = fit.lengths if rejected else given
-        if np.linalg.norm((lengths - present) / given) < _CHANGE:
+        lengths = fit.lengths
+        if not rejected:  # the turning offset that fits with the given lengths
+            by_lengths = np.linalg.solve(covariance[:_N, :_N], (given - lengths)[:_N])
+            lengths = np.append(given[:_N], (lengths + covariance[:, :_N] @ by_lengths)[_N:])
+        settled &= bool((sd[_N:] < _CHANGE_M).all())
+        change = lengths - present
+        turned = bool((np.abs(change) > np.maximum(_CHANGE_M, sd))[_N:].any())
+        if np.linalg.norm(change[:_N] / given[:_N]) < _CHANGE and not turned:
             return Identification(vehicle, (), settled)
-        rows = zip(LENGTHS, present.tolist(), lengths.tolist(), sd.tolist(), strict=True)
-        changes = tuple(ParameterChange(*row) for row in rows)
+        rows = zip(_names(vehicle), present.tolist(), lengths.tolist(), sd.tolist(), strict=True)
+        changes = tuple(ParameterChange(*row) for row in rows if row[1] != row[2] or rejected)
         return Identification(_with_lengths(vehicle, lengths), changes, settled)
 
 
@@ -192,8 +199,8 @@ class LengthIdentifier:
 class LengthFit:
     """Lengths that fit recorded samples and commands best."""
 
-    lengths: FloatArray  # (4,) [m] in the order of `LENGTHS`
-    covariance: FloatArray  # (4, 4) [m^2] of their error
+    lengths: FloatArray  # (p,) [m] in the order of `LENGTHS`, then `TURNING` of one with a tool
+    covariance: FloatArray  # (p, p) [m^2] of their error
     rejection: float  # of the given lengths, see `LengthIdentifier`
 
 
@@ -212,7 +219,8 @@ def fit_lengths(
 
         (J' J + P0^-1) d = -(J' r + P0^-1 (theta - theta_0)),    theta <- theta + d,
 
-    with theta_0 the lengths of `given` and P0 = diag(0.2 theta_0)^2. Side slip and the bias of the
+    with theta_0 the lengths of `given` and P0 = diag(0.2 theta_0)^2, where that of the turning
+    offset c is a fifth of the tool's distance behind the axle. Side slip and the bias of the
     front steering, which the filter estimates beside, could pass for a wrong wheelbase on a steady
     curve; curves to both sides, or a curve and a straight, tell them apart. On a straight the
     samples see the sum of hitch offset, drawbar and trailer length alone.
@@ -223,11 +231,14 @@ def fit_lengths(
     if data is None:
         return None
     mean, lengths = _lengths(given), _lengths(vehicle)
-    prior = np.diag((_PRIOR_SD * mean) ** -2.0)
+    sizes = _sizes(given)
+    prior = np.diag((_PRIOR_SD * sizes) ** -2.0)
+    least, most = _SHARES[0] * mean, _SHARES[1] * mean
+    least[_N:], most[_N:] = 0.0, sizes[_N:]
 
     def rejection(lengths: FloatArray, covariance: FloatArray, roughness: float) -> float:
-        offset = lengths - mean
-        return float(offset @ np.linalg.solve(covariance + _tolerance(mean, roughness), offset))
+        offset, spread = (lengths - mean)[:_N], covariance[:_N, :_N]
+        return float(offset @ np.linalg.solve(spread + _tolerance(mean[:_N], roughness), offset))
 
     def evaluate(lengths: FloatArray) -> tuple[float, FloatArray, FloatArray, float]:
         cost, normal, gradients, roughness = data.run(_with_lengths(vehicle, lengths))
@@ -238,7 +249,7 @@ def fit_lengths(
     for _ in range(_MOST_STEPS):
         gradient = gradients.sum(axis=0) + prior @ (lengths - mean)
         trial = lengths - np.linalg.solve(normal, gradient)
-        trial = np.clip(trial, _SHARES[0] * mean, _SHARES[1] * mean)
+        trial = np.clip(trial, least, most)
         step = trial - lengths
         covariance = _covariance(normal, gradients)
         right = (lengths == mean).all() and rejection(trial, covariance, 1.0) < 0.5 * _REJECTED
@@ -308,7 +319,8 @@ class _Replay:
         """
         lengths = _lengths(vehicle)
         count = len(lengths)
-        raised = [_with_lengths(vehicle, lengths * (1.0 + _STEP * unit)) for unit in np.eye(count)]
+        step = _STEP * _sizes(vehicle)
+        raised = [_with_lengths(vehicle, lengths + row) for row in np.diag(step)]
         vehicles = vehicle, *raised
         state, *copies = (
             first_moment(self.first, item, self.noise, self.process) for item in vehicles
@@ -328,7 +340,6 @@ class _Replay:
             normal,
             gradients,
         )
-        step = _STEP * lengths
         roughness = float(state.view(MOMENT)[0]["scales"][0, NoiseScale.GROUND])
         return cost, normal / np.outer(step, step), gradients / step, roughness
 
@@ -408,9 +419,19 @@ def _means(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     return means[np.lexsort((means[:, 1], means[:, 0]))], counts
 
 
+def _names(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the fields that are fitted: where there is a tool, its effect on the trailer, too."""
+    return (*LENGTHS, TURNING) if vehicle.tool_behind else LENGTHS
+
+
 def _lengths(vehicle: Vehicle) -> FloatArray:
-    return np.array([getattr(vehicle, name) for name in LENGTHS])
+    return np.array([getattr(vehicle, name) for name in _names(vehicle)])
+
+
+def _sizes(vehicle: Vehicle) -> FloatArray:
+    """Return lengths that are large against their errors: of the turning offset, the tool's."""
+    return np.append(_lengths(vehicle)[:_N], [vehicle.tool_behind] if vehicle.tool_behind else [])
 
 
 def _with_lengths(vehicle: Vehicle, lengths: FloatArray) -> Vehicle:
-    return replace(vehicle, **dict(zip(LENGTHS, lengths.tolist(), strict=True)))
+    return replace(vehicle, **dict(zip(_names(vehicle), lengths.tolist(), strict=True)))

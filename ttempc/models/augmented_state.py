@@ -1,21 +1,18 @@
 """Augmented state of the estimators: the vehicle's state and its persistent disturbances."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
 from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from ..errors import UnknownSensor
 from ..jit import cached_njit
-from ..layout import ESTIMATE, estimate_view
+from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
     Estimate,
     FloatArray,
-    Innovation,
     Input,
     MapDisturbance,
     Sensor,
@@ -82,31 +79,6 @@ INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.
 """Standard deviation of each disturbance of the vehicle before the first sample, (9,); assumed."""
 
 
-class Slips(NamedTuple):
-    """Total slips of an augmented state: body-fixed and map-fixed parts together."""
-
-    tractor: float  # [rad] side slip of the rear axle
-    trailer: float  # [rad] side slip of the trailer axle
-    wheel: float  # wheel slip 1 - v / rim
-
-
-def slips(augmented: FloatArray) -> Slips:
-    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (24,).
-
-    e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`. Both
-    map-fixed terms change their sign in reverse, where the vehicle climbs with its back and still
-    drifts downhill.
-    """
-    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, *of_map = augmented.tolist()
-    gx, gy, cx, cy = of_map[: len(MapDisturbance)]
-    cos_t, sin_t, gear = math.cos(psi_t), math.sin(psi_t), math.copysign(1.0, rim)
-    return Slips(
-        tractor=slip_t + gear * (gy * cos_t - gx * sin_t),
-        trailer=slip_i + gear * (gy * math.cos(psi_i) - gx * math.sin(psi_i)),
-        wheel=wheel + gear * (cx * cos_t + cy * sin_t),
-    )
-
-
 def map_disturbance_gain(
     psi_t: float, psi_i: float, speed: float, yaw_rate: float, vehicle: Vehicle
 ) -> FloatArray:
@@ -137,23 +109,6 @@ def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
     return map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
 
 
-def estimate_of(
-    augmented: FloatArray,
-    covariance: FloatArray,
-    time_s: float,
-    vehicle: Vehicle,
-    innovations: Sequence[Innovation] = (),
-) -> Estimate:
-    """Return the estimate for a controller from an augmented state (24,), see `write_estimate`.
-
-    `covariance` is (24, 24).
-    """
-    row = np.full(ESTIMATE.itemsize // 8, math.nan)
-    write_estimate(augmented, covariance, vehicle_parameters(vehicle), row)
-    row.view(ESTIMATE)["time_s"] = time_s
-    return replace(estimate_view(row), innovations=innovations)
-
-
 @cached_njit(error_model="numpy")
 def write_estimate(
     x: FloatArray, covariance: FloatArray, parameters: FloatArray, estimate: FloatArray
@@ -162,7 +117,7 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (10,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (11,).
     """
     e = estimate.view(ESTIMATE)[0]
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -233,6 +188,7 @@ class VehicleParameter(IntEnum):
     STEERING_LAG_I = 7
     STEERING_RATE_T = 8
     STEERING_RATE_I = 9
+    TRAILER_TURNING_OFFSET = 10
 
 
 class SensorIndex(IntEnum):
@@ -249,7 +205,7 @@ class SensorIndex(IntEnum):
 
 
 def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (10,), SI units."""
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (11,), SI units."""
     return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
 
 
@@ -281,7 +237,8 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     rim = x[AugmentedState.RIM]
     wheelbase = parameters[VehicleParameter.WHEELBASE]
     a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    turning = parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH] + turning
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     gear = math.copysign(1.0, rim)
     gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
@@ -316,7 +273,8 @@ def state_rate_jacobian(
     rim = x[AugmentedState.RIM]
     wheelbase = parameters[VehicleParameter.WHEELBASE]
     a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    turning = parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH] + turning
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     sin_p, cos_p = math.sin(psi_i), math.cos(psi_i)
     gear = math.copysign(1.0, rim)

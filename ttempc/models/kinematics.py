@@ -71,7 +71,7 @@ def articulated(
         x'     = v (cos(psi_t) - s_t sin(psi_t)),   y' = v (sin(psi_t) + s_t cos(psi_t))
         psi_t' = v tan(delta_t + b) / L_t
         psi_i' = (v (sin(lambda) + s_t cos(lambda) - s_i) - a psi_t' cos(lambda)
-                  - d delta_i' cos(delta_i)) / (L_i + d cos(delta_i))
+                  - d delta_i' cos(delta_i)) / (L_i + c + d cos(delta_i))
         v'     = (K hp - v) / tau + w,
 
     and the steering angles follow their commands `inputs` (3,) with a first-order lag of limited
@@ -90,7 +90,8 @@ def articulated(
     yaw_t = v * math.tan(delta_t + bias) / vehicle.wheelbase
     across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
     cos_i = math.cos(delta_i)
-    yaw_i = (across - d * rate_i * cos_i) / (vehicle.trailer_length + d * cos_i)
+    length_i = vehicle.trailer_length + vehicle.trailer_turning_offset
+    yaw_i = (across - d * rate_i * cos_i) / (length_i + d * cos_i)
     acceleration = (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant + drive
     v_x, v_y = v * (cos_t - slip_t * sin_t), v * (sin_t + slip_t * cos_t)
     return np.array([v_x, v_y, yaw_t, yaw_i, rate_t, rate_i, acceleration])
@@ -118,7 +119,7 @@ def articulated_jacobian(
     rate_i, gain_i = _steering(u_i, delta_i, vehicle.steering_lag_i, vehicle.steering_rate_i)
     yaw_t_v = math.tan(delta_t + bias) / vehicle.wheelbase
     yaw_t_delta = v / (vehicle.wheelbase * math.cos(delta_t + bias) ** 2)
-    arm = vehicle.trailer_length + d * cos_i
+    arm = vehicle.trailer_length + vehicle.trailer_turning_offset + d * cos_i
     yaw_i_v = (sin_l + slip_t * cos_l - slip_i - a * yaw_t_v * cos_l) / arm
     yaw_i = v * yaw_i_v - d * rate_i * cos_i / arm
     yaw_i_lam = v * (cos_l - slip_t * sin_l + a * yaw_t_v * sin_l) / arm

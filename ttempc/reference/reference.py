@@ -1,8 +1,9 @@
 """Time-based reference of tractor and trailer along a path, with its inputs."""
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +21,7 @@ _CHECK_STEP_M = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """Posture of the vehicle with both axle points on a path.
+    """Posture of the vehicle with tractor point and guided point on their lines.
 
     (...) is the shape of the arc lengths of the tractor point. Derivatives are by the travel of the
     tractor point and so independent of the speed.
@@ -28,9 +29,9 @@ class Posture:
 
     distance_i: FloatArray  # (...) arc length of the trailer point [m]
     pose_t: FloatArray  # (..., 3) x, y [m] and heading [rad] of the tractor
-    pose_i: FloatArray  # (..., 3) the same of the trailer
+    pose_i: FloatArray  # (..., 3) the same of the trailer, at its guided point
     curvature_t: FloatArray  # (...) of the path at the tractor point [1/m]
-    curvature_i: FloatArray  # (...) of the path at the trailer point [1/m]
+    curvature_i: FloatArray  # (...) change of the trailer's heading along the path [1/m]
     psi_d: FloatArray  # (...) heading of the drawbar [rad], continuous with the tractor's
     delta_t: FloatArray  # (...) front steering [rad]
     delta_t_per_m: FloatArray  # (...) its derivative [rad/m]
@@ -48,10 +49,14 @@ class Posture:
         return self.psi_d - self.pose_i[..., 2]
 
 
-def posture_on_path(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
+def posture_on_path(
+    path: Path, vehicle: Vehicle, distance: ArrayLike, behind_m: float | None = None
+) -> Posture:
     """Return the posture with the tractor point at arc length `distance` [m] of `path`.
 
-    The drawbar joins RJ1 and RJ2,
+    The trailer point is on the path and the trailer along it. With `behind_m` the trailer point
+    is a guided point, and it follows its line at an angle to it, see `trailer_drift`, where
+    D = -c (`Vehicle.trailer_turning_offset`). The drawbar joins RJ1 and RJ2,
 
         RJ1 = p_t - a e(psi_t),   RJ2 = p_i + L_i e(psi_i),   |RJ1 - RJ2| = d.
 
@@ -66,16 +71,19 @@ def posture_on_path(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Postur
     pose_t, kappa_t = path.pose(s_t), path.curvature(s_t)
     rj1 = pose_t[..., :2] - a * _unit(pose_t[..., 2])
 
-    s_i = s_t - (a + d + length_i)
+    s_i = s_t - (a + d + length_i) + (behind_m or 0.0)
+    drift_at, behind = _drift_at(path, vehicle, behind_m, s_i), behind_m or 0.0
     for _ in range(_ITERATIONS):
-        pose_i, kappa_i, drawbar = _drawbar(path, vehicle, rj1, s_i)
+        pose_i, kappa_i, drawbar, forward, left = _drawbar(
+            path, vehicle, rj1, s_i, behind, drift_at
+        )
         along = _unit(pose_i[..., 2])
-        rj2_per_m = along + (length_i * kappa_i)[..., None] * _normal(along)
+        rj2_per_m = forward[..., None] * along + left[..., None] * _normal(along)
         gap = np.sum(drawbar**2, axis=-1) - d**2
         s_i = s_i + gap / (2.0 * np.sum(drawbar * rj2_per_m, axis=-1))
         if np.max(np.abs(gap)) < _CLOSED_M * d:
             break
-    pose_i, kappa_i, drawbar = _drawbar(path, vehicle, rj1, s_i)
+    pose_i, kappa_i, drawbar, forward, left = _drawbar(path, vehicle, rj1, s_i, behind, drift_at)
     misfit = np.abs(np.hypot(drawbar[..., 0], drawbar[..., 1]) - d)
     if not np.all(misfit < _CLOSED_M):  # NaN counts as a misfit
         worst = float(np.ravel(s_t)[np.argmax(misfit)])
@@ -85,13 +93,13 @@ def posture_on_path(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Postur
     psi_d = np.arctan2(drawbar[..., 1], drawbar[..., 0])
     psi_d = psi_d + math.tau * np.round((psi_t - psi_d) / math.tau)
     beta, delta_i = psi_t - psi_d, psi_d - psi_i
-    # d(RJ1)/ds = e_t - a kappa_t n_t and d(RJ2)/ds = ratio (e_i + L_i kappa_i n_i) agree along
+    # d(RJ1)/ds = e_t - a kappa_t n_t and d(RJ2)/ds = ratio (forward e_i + left n_i) agree along
     # the drawbar; their difference across it turns the drawbar.
     ratio = (np.cos(beta) + a * kappa_t * np.sin(beta)) / (
-        np.cos(delta_i) + length_i * kappa_i * np.sin(delta_i)
+        forward * np.cos(delta_i) + left * np.sin(delta_i)
     )
     across_1 = np.sin(beta) - a * kappa_t * np.cos(beta)
-    across_2 = ratio * (length_i * kappa_i * np.cos(delta_i) - np.sin(delta_i))
+    across_2 = ratio * (left * np.cos(delta_i) - forward * np.sin(delta_i))
     wheelbase = vehicle.wheelbase
     return Posture(
         distance_i=s_i,
@@ -105,6 +113,43 @@ def posture_on_path(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Postur
         delta_i_per_m=(across_1 - across_2) / d - ratio * kappa_i,
         travel_ratio=ratio,
     )
+
+
+_DRIFT_STEP_M: Final = 0.02
+_DRIFT_REACH: Final = 25.0  # lengths over which the far end is forgotten, to e^-25
+_DRIFT_MARGIN_M: Final = 3.0  # by which Newton may leave its first guess
+_DRIFT_ITERATIONS: Final = 6  # each reduces the rest to some hundredths
+_LEAST_LEVER_M: Final = 1e-3
+
+
+def trailer_drift(path: Path, ahead_m: float, behind_m: float, s: FloatArray) -> FloatArray:
+    """Return phi = psi_path - psi_i [rad] at equidistant arc lengths `s` (n,) of the guided point.
+
+    This point follows the line p(s) - g e(psi_path), g = `behind_m`, as a tool g behind the
+    trailer point does where that is on the path. The trailer does not move sideways in a place
+    D = `ahead_m` ahead of the guided point, or behind it for D < 0. With the curvature kappa
+
+        phi' = kappa + sqrt(1 + g^2 kappa^2) / D sin(phi - atan(g kappa)).
+
+    Of its solutions one does not grow along the path: for D > 0 that which is at rest in the end,
+    so that the trailer turns before its path does, for D < 0 that which is so in the beginning.
+    """
+    order = slice(None, None, -1 if ahead_m > 0.0 else 1)  # from where phi is at rest
+    kappa, rate = path.curvature(s[order]), 1.0 / abs(ahead_m)
+    gain, steady = rate * np.hypot(1.0, behind_m * kappa), np.arctan(behind_m * kappa)
+    turn = -math.copysign(1.0, ahead_m) * kappa
+    # phi' = r - rate phi along this order, exact for r linear between samples
+    decay = math.exp(-rate * (s[1] - s[0]))
+    mean = (1.0 - decay) / (rate * (s[1] - s[0]))
+    phi = steady
+    for _ in range(_DRIFT_ITERATIONS):
+        r = turn + rate * phi - gain * np.sin(phi - steady)
+        phi = np.append(r[0], (1.0 - mean) * r[1:] + (mean - decay) * r[:-1]) / rate
+        reach, factor = 1, decay
+        while reach < len(s) and factor > 0.0:  # sums over all samples before, by doubling
+            phi[reach:] = phi[reach:] + factor * phi[:-reach]
+            reach, factor = 2 * reach, factor * factor
+    return phi[order]
 
 
 def check_drivable(
@@ -142,13 +187,46 @@ def _place(path: Path, distance: float) -> str:
     return f"s = {distance:.1f} m (x = {x:.1f}, y = {y:.1f} m)"
 
 
+def _drift_at(
+    path: Path, vehicle: Vehicle, behind_m: float | None, s_i: FloatArray
+) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    """Return a function from arc length and curvature to `trailer_drift` and the turn psi_i'."""
+    if behind_m is None:
+        return lambda s, kappa: (np.zeros_like(s), kappa)
+    ahead = -vehicle.trailer_turning_offset
+    ahead = math.copysign(max(abs(ahead), _LEAST_LEVER_M), ahead)
+    margin = _DRIFT_REACH * abs(ahead) + _DRIFT_MARGIN_M
+    table = np.arange(float(s_i.min()) - margin, float(s_i.max()) + margin, _DRIFT_STEP_M)
+    drift = trailer_drift(path, ahead, behind_m, table)
+
+    def at(s: FloatArray, kappa: FloatArray) -> tuple[FloatArray, FloatArray]:
+        phi = np.interp(s, table, drift)
+        return phi, (behind_m * kappa * np.cos(phi) - np.sin(phi)) / ahead
+
+    return at
+
+
 def _drawbar(
-    path: Path, vehicle: Vehicle, rj1: FloatArray, s_i: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return trailer pose (..., 3), curvature and the vector RJ2 -> RJ1 (..., 2) at `s_i`."""
-    pose_i = path.pose(s_i)
+    path: Path,
+    vehicle: Vehicle,
+    rj1: FloatArray,
+    s_i: FloatArray,
+    behind_m: float,
+    drift_at: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return what belongs to the trailer at `s_i`.
+
+    That is its pose (..., 3), its turn psi_i' along the path, the vector RJ2 -> RJ1 (..., 2), and
+    the travel of RJ2 per metre of path, along and across the trailer.
+    """
+    pose_i, kappa = path.pose(s_i), path.curvature(s_i)
+    phi, turn = drift_at(s_i, kappa)
+    pose_i[..., :2] -= behind_m * _unit(pose_i[..., 2])
+    pose_i[..., 2] -= phi
     rj2 = pose_i[..., :2] + vehicle.trailer_length * _unit(pose_i[..., 2])
-    return pose_i, path.curvature(s_i), rj1 - rj2
+    forward = np.cos(phi) + behind_m * kappa * np.sin(phi)
+    left = np.sin(phi) - behind_m * kappa * np.cos(phi) + vehicle.trailer_length * turn
+    return pose_i, turn, rj1 - rj2, forward, left
 
 
 def _unit(angle: FloatArray) -> FloatArray:
@@ -257,6 +335,9 @@ class Reference(Shared):
     speed: SpeedProfile
     lead_s: float = 0.0  # by which the time on the path is ahead of that of `at` [s]
     corridor: Corridor | None = None  # which the vehicle is to keep to; None: free ground
+    # Of a controller: its vehicle has the guided point for the trailer point, so far behind the
+    # axle [m], see `guided`; None: both axle points are on the path
+    guided_behind_m: float | None = None
 
     def __post_init__(self) -> None:
         if self.speed.top_speed > self.vehicle.speed_gain:
@@ -280,7 +361,7 @@ class Reference(Shared):
         times = np.asarray(time_s, dtype=float)
         vehicle = self.vehicle
         distance, v, acceleration = self.speed.travel(times + self.lead_s)
-        posture = posture_on_path(self.path, vehicle, distance)
+        posture = posture_on_path(self.path, vehicle, distance, self.guided_behind_m)
         speed_i = posture.travel_ratio * v
         delta_t, delta_i = posture.delta_t, posture.delta_i
         lead_t = vehicle.steering_lag_t * v * posture.delta_t_per_m
@@ -305,6 +386,34 @@ class Reference(Shared):
         """Return the reference (N,) at every control tick to its end and `beyond` ticks more."""
         ticks = math.ceil(self.duration_s / period_s - 1e-9) + 1 + beyond
         return self.at(np.arange(ticks) * period_s)
+
+
+Guided = Literal["tool", "axle"]
+GUIDED: Final = ("tool", "axle")
+"""Points behind that a controller can keep to their line."""
+
+
+def guided(reference: Reference, point: Guided) -> Reference:
+    """Return the reference on which a controller keeps the tool, or the trailer axle, to its line.
+
+    A tool that the soil holds lets the trailer turn about a point c behind its axle: with the axle
+    on its line, the heading and with it the tool, g behind the axle, would be off. The vehicle of
+    the result has the guided point for its trailer point: with L_i + g and c - g in place of L_i
+    and c its equation of yaw is the same, and outputs and gains are those of the tool. Without tool
+    and c the reference stays as it is: what is recorded and judged.
+    """
+    vehicle, behind = reference.vehicle, 0.0
+    if point == "tool":
+        behind = vehicle.tool_behind
+    if not (behind or vehicle.trailer_turning_offset):
+        return reference
+    virtual = replace(
+        vehicle,
+        trailer_length=vehicle.trailer_length + behind,
+        trailer_turning_offset=vehicle.trailer_turning_offset - behind,
+        tool_behind=0.0,
+    )
+    return replace(reference, vehicle=virtual, guided_behind_m=behind)
 
 
 def check_pace(reference: Reference, period_s: float) -> None:

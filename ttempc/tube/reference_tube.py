@@ -12,7 +12,7 @@ from ..mpc.articulated_error import error_dynamics, remaining_bounds
 from ..mpc.lmpc import HorizonTuning, StageBounds, stage_bounds
 from ..reference.reference import Reference, exact_feedforward
 from ..types import FloatArray, Input, State
-from ..vehicle import CommandLimits, Vehicle
+from ..vehicle import OF_TOOL, CommandLimits, Vehicle
 from .sets import DisturbanceSet
 from .tube import TrackingSystem, Tube, feedback_gains, invariant_tube, reach_backwards, search_tube
 
@@ -148,7 +148,9 @@ class TubeDesign:
         """Return the values that differ from the design's, as a text; empty where none does."""
         pairs = [("period_s", self.period_s, period_s)]
         for item in fields(Vehicle):
-            pairs.append((item.name, getattr(self.vehicle, item.name), getattr(vehicle, item.name)))
+            if item.name not in OF_TOOL:
+                given = getattr(vehicle, item.name)
+                pairs.append((item.name, getattr(self.vehicle, item.name), given))
         return ", ".join(
             f"{name} {designed:.6g} (here {given:.6g})"
             for name, designed, given in pairs

@@ -11,7 +11,7 @@ from ttempc.models.kinematics import articulated, trailer_point
 from ttempc.types import Command, Disturbance, State
 from ttempc.vehicle import Vehicle
 
-VEHICLE = Vehicle()
+VEHICLE = Vehicle(trailer_turning_offset=0.25)
 PERIOD_S = 0.2
 COMMAND = Command(delta_t=0.1, delta_i=-0.05, hp=0.7)
 

@@ -17,6 +17,8 @@ from proving_ground.testbed.wheels.tyre_kernel import Output, wheel_step
 DT = 0.002
 FLAT = terrain.flat((20.0, 20.0))
 LAW = SoilLaw()
+NO_RUTS = np.empty((0, 0))
+NO_RUTS.setflags(write=False)
 
 
 def motion(centre, axle, velocity, rotation):
@@ -42,7 +44,7 @@ def step(tyres, ground, cone_index, wheels, deflection, dt, in_track=False, law=
     state = np.concatenate([np.ravel(deflection), tracks])
     output, xfrc = np.zeros((n, len(Output))), np.zeros((n + 2, 6))
     grid = np.array([*ground.origin, ground.spacing_m, dt])
-    soil = (ground.heights, np.full(ground.heights.shape, cone_index), grid)
+    soil = (ground.heights, np.full(ground.heights.shape, cone_index), grid, NO_RUTS)
     tables = (law.table(n), tyres.table(LAW))
     wheel_step(*tables, *soil, np.arange(2, n + 2), xpos, xmat, cvel, com, state, output, xfrc)
     columns = {column.name.lower(): output[:, column] for column in Output}
@@ -370,7 +372,8 @@ def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
     xpos[2:, 1] = np.linspace(5.0, -6.0, 6)
     xmat = np.tile(np.eye(3).ravel(), (8, 1))
     grid = np.array([*FLAT.origin, FLAT.spacing_m, DT])
-    kernel = (LAW.table(6), tyres.table(LAW), FLAT.heights, cone, grid, np.arange(2, 8), xpos, xmat)
+    kernel = (LAW.table(6), tyres.table(LAW), FLAT.heights, cone, grid, NO_RUTS)
+    kernel += (np.arange(2, 8), xpos, xmat)
     wheel_step(*kernel, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
     column = np.rint((xpos[2:, 0] + 10.0) / 0.1).astype(int)
     row = np.rint((xpos[2:, 1] + 10.0) / 0.1).astype(int)

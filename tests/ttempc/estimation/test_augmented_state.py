@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tests.reference.estimation.augmented_state import augmented_rate
+from tests.reference.estimation.augmented_state import augmented_rate, estimate_of
 from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
 from ttempc.estimation import filter as kernels
@@ -20,7 +20,6 @@ from ttempc.models.augmented_state import (
     SIZE,
     AugmentedState,
     advance_augmented_state,
-    estimate_of,
     predicted_measurement,
     state_rate,
     state_rate_jacobian,
@@ -31,7 +30,7 @@ from ttempc.models.rows import WIDTH
 from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
-VEHICLE = Vehicle(hitch_offset=0.4, drawbar_length=0.9)
+VEHICLE = Vehicle(hitch_offset=0.4, drawbar_length=0.9, trailer_turning_offset=0.25)
 PARAMETERS = vehicle_parameters(VEHICLE)
 
 

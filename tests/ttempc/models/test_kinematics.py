@@ -19,7 +19,13 @@ from ttempc.types import Disturbance, State
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
-OTHER = Vehicle(hitch_offset=-0.2, drawbar_length=1.1, trailer_length=2.0, wheelbase=2.1)
+OTHER = Vehicle(
+    hitch_offset=-0.2,
+    drawbar_length=1.1,
+    trailer_length=2.0,
+    wheelbase=2.1,
+    trailer_turning_offset=0.3,
+)
 
 
 def random_cases(count=30, steering_step=0.02):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,13 @@ from tests.reference.models.kinematics import advance
 from ttempc.errors import InvalidPath, InvalidReference
 from ttempc.models.kinematics import trailer_point
 from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference, check_drivable, posture_on_path
+from ttempc.reference.reference import (
+    ConstantSpeed,
+    Reference,
+    check_drivable,
+    guided,
+    posture_on_path,
+)
 from ttempc.types import State
 from ttempc.vehicle import Vehicle
 
@@ -54,6 +61,33 @@ def test_feedforward_keeps_the_articulated_model_on_the_reference(speed):
         if k % 50 == 0:
             np.testing.assert_allclose(state, r, atol=2e-3)
             np.testing.assert_allclose(trailer_point(state, VEHICLE), r_i, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("behind", "offset", "point"),
+    [(0.6, 0.25, "tool"), (0.6, 0.25, "axle"), (0.2, 0.3, "tool"), (0.25, 0.25, "tool")],
+)
+def test_inputs_of_a_guided_reference_keep_its_point_on_the_line_of_the_judged_one(
+    behind, offset, point
+):
+    vehicle = replace(VEHICLE, tool_behind=behind, trailer_turning_offset=offset)
+    judged = Reference(figure_eight(laps=1), vehicle, ConstantSpeed(1.0))
+    reference, step_s = guided(judged, point), 0.02
+    state = reference.at(0.0).state
+    kept = behind if point == "tool" else 0.0
+    longer = replace(vehicle, trailer_length=vehicle.trailer_length + kept)
+    line = judged.path.pose(np.arange(-5.0, judged.path.lap_m, 0.001))
+    line = line[:, :2] - kept * _unit(line[:, 2])
+    for k, u in enumerate(reference.at((np.arange(3500) + 0.5) * step_s).inputs):
+        state = advance(state, u, vehicle, step_s)
+        if k % 100 == 0:
+            place = trailer_point(state, longer)
+            np.testing.assert_allclose(state, reference.at((k + 1) * step_s).state, atol=2e-3)
+            assert np.min(np.hypot(*(line - place).T)) < 2e-3
+
+
+def test_without_a_tool_the_guided_reference_is_the_judged_one():
+    assert guided(REFERENCE, "tool") is REFERENCE
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf, 1.5])
