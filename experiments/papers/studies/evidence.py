@@ -35,7 +35,7 @@ from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, column, drive,
 from ....testbed.validation.check import between, number
 from ....testbed.validation.validate import validate
 from ....testbed.vehicle.servos import tyres_of
-from ....testbed.vehicle.vehicle import find_vehicle, read_vehicle
+from ....testbed.vehicle.vehicle import VEHICLES, read_vehicle
 from ....testbed.wheels import tyre
 from ....testbed.wheels.soil_law import SoilLaw
 from ...errors import ExperimentError
@@ -131,7 +131,7 @@ class Machine:
         place, _, name = self.constant.partition(".")
         if place != "vehicle":
             return "farm4500"
-        content = tomllib.loads(find_vehicle("farm4500").read_text(encoding="utf-8"))
+        content = tomllib.loads(VEHICLES.find("farm4500").read_text(encoding="utf-8"))
         table, key = name.split(".")
         for one in [item for item in content if item.endswith(table.lstrip("*"))]:
             if one == table or table.startswith("*"):
