@@ -209,6 +209,7 @@ def samples(table, radius_m):
             elif sensor.startswith("imu"):
                 yield f"/{body}/imu", time_s, imu(taken_s, frame, *value)
             else:
+                value = value[:2]  # without its status
                 point = vector(*value, kind="Point")
                 head = header(taken_s)
                 point = make("geometry_msgs/PointStamped", header=head, point=point)

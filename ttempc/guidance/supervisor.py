@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ControllerFailed, GuidanceFailed, InvalidTuning
-from ..jit import cached_njit
+from ..jit import cached_njit, record
 from ..laws.tracking_controller import TrackingController, write_told
 from ..layout import ALARM, ESTIMATE, TICK, estimate_view, new_tick
 from ..reference.path import Projection
@@ -166,8 +166,8 @@ def decide(
         alarms: rows (m, `ALARM`) of the detectors.
         guard: record `GUARD`.
     """
-    e, g, t = estimate.view(ESTIMATE)[0], guard.view(GUARD)[0], tick.view(TICK)[0]
-    safety, x = course.safety.view(SAFETY)[0], e.state
+    e, g, t = record(estimate, ESTIMATE), record(guard, GUARD), record(tick, TICK)
+    safety, x = record(course.safety, SAFETY), e.state
     tick[:] = 0.0
     t.sample = sample
     for i in range(11):
@@ -300,7 +300,7 @@ def finish(
         guard: record `GUARD`.
         tick: record `TICK` as `decide` and the controller have left it.
     """
-    g, t = guard.view(GUARD)[0], tick.view(TICK)[0]
+    g, t = record(guard, GUARD), record(tick, TICK)
     limits, delayed = course.limits, commands.shape[0] > 0
     asked, largest_hp, sample = t.mode == DRIVE or t.mode == ON_PATH, math.inf, int(t.sample)
     if t.mode == DRIVE:
@@ -606,16 +606,16 @@ class Supervisor:
         mode = decide(sample, now, fresh, estimate, alarms, course, guard, tick)
         self._told, self._sample, self._alarms = None, k, alarms
         self._asked = self._law if mode in (DRIVE, ON_PATH) else None
-        record = guard.view(GUARD)[0]
-        held = int(record["held"])
+        memory = guard.view(GUARD)[0]
+        held = int(memory["held"])
         if held < 0:
             self._held = ""
         elif not self._held:
-            self._held = self._reasons(held, record["held_numbers"])
+            self._held = self._reasons(held, memory["held_numbers"])
         if mode in (DRIVE, ON_PATH):
             self._ask(estimate, view, k)
         finish(self._law is not None, course, self._commands, guard, tick)
-        return record["sent"].copy()
+        return memory["sent"].copy()
 
     def _ask(self, row: FloatArray, view: Callable[[], Estimate], k: int) -> None:
         """Let the controller write its actions, or a user's its command, into the record."""

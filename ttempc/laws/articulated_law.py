@@ -12,6 +12,7 @@ from ..jit import cached_njit, record
 from ..layout import ESTIMATE, TICK, new_tick
 from ..mpc.articulated_error import PredictedPath
 from ..mpc.lmpc import CondensedHorizon, LinearMpc, Work
+from ..mpc.qp import UNSOLVED
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State, TubeReport
 from ..vehicle import Vehicle
 from .tracking_controller import FeedbackLaw
@@ -93,12 +94,6 @@ MEMORY: Final = np.dtype(
     ]
 )
 """Memory of an articulated law from tick to tick."""
-
-_TINY: Final = 1e-30  # keeps the autocorrelation of a signal of zeros finite
-# Largest argument of tanh in the tube reading. Beyond it the law cannot bring the vehicle back.
-_EXHAUSTED: Final = 3.0
-_TURN: Final = math.tau
-
 
 _TINY: Final = 1e-30  # keeps the autocorrelation of a signal of zeros finite
 # Largest argument of tanh in the tube reading. Beyond it the law cannot bring the vehicle back.
@@ -419,57 +414,41 @@ class ArticulatedLaw(FeedbackLaw):
         sent: FloatArray,
         tick: FloatArray,
     ) -> None:
-        mpc = self.mpc
         self._last, self.report = (row, sent), None
-        self._propose(k, row, sent, mpc.work, self._memory, tick)
-        outcome = mpc.plan(k, mpc.work)
-        if outcome < 0:
-            self.report, excess = mpc.answer(k, outcome)
-            report, record = self.report, tick.view(TICK)[0]
-            record["solver"][:4] = (
-                report.accepted,
-                report.iterations,
-                report.primal_residual,
-                report.dual_residual,
-            )
-            record["leaves_corridor"] = excess is not None and bool((excess > _EXCESS).any())
-        self._conclude(k, outcome, mpc.work, self._memory, self._kept, tick)
+        self._drive(k, row, sent, self.mpc.work, self._memory, self._kept, tick)
 
     def prepare(self, k: int) -> None:
         """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
-            work, memory, tick = self.mpc.beside, self._memory.copy(), new_tick()
-            self._propose(k, *self._last, work, memory, tick)
-            self.mpc.plan(k, work)
-            self._conclude(k, 0, work, memory, self._kept.copy(), tick)
+            copies = self._memory.copy(), self._kept.copy(), new_tick()
+            self._drive(k, *self._last, self.mpc.beside, *copies)
 
-    def _propose(
+    def warm_up(self) -> None:
+        """Solve the problem of the last step by the solver, which takes milliseconds at first."""
+        self.mpc.answer(int(self.mpc.work.tick[0]), UNSOLVED)
+
+    def _drive(
         self,
         k: int,
         row: FloatArray,
         sent: FloatArray,
         work: Work,
         memory: FloatArray,
-        tick: FloatArray,
-    ) -> None:
-        constants, points, faces, _ = self.law
-        model, outputs, *_ = self.horizon.stages
-        propose(k, row, sent, constants, points, faces, model, outputs, memory, work.given, tick)
-
-    def _conclude(
-        self,
-        k: int,
-        outcome: int,
-        work: Work,
-        memory: FloatArray,
         kept: FloatArray,
         tick: FloatArray,
     ) -> None:
-        _, points, _, reserve = self.law
-        model, _, limits, *_ = self.horizon.stages
-        conclude(
-            k, outcome, points, reserve, model, limits, work.given, work.steps, memory, kept, tick
-        )
+        constants, points, faces, reserve = self.law
+        model, outputs, limits, *_ = self.horizon.stages
+        given, steps = work.given, work.steps
+        propose(k, row, sent, constants, points, faces, model, outputs, memory, given, tick)
+        outcome = self.mpc.plan(k, work)
+        if outcome < 0 and work is self.mpc.work:
+            self.report, excess = self.mpc.answer(k, outcome)
+            report, record = self.report, tick.view(TICK)[0]
+            residuals = report.primal_residual, report.dual_residual
+            record["solver"][:4] = report.accepted, report.iterations, *residuals
+            record["leaves_corridor"] = excess is not None and bool((excess > _EXCESS).any())
+        conclude(k, outcome, points, reserve, model, limits, given, steps, memory, kept, tick)
 
     @property
     def plan(self) -> FloatArray:
@@ -508,31 +487,20 @@ def law_of(
     reference: FloatArray,
     feedforward: FloatArray,
     vehicle: Vehicle,
-    *,
-    faces: FloatArray | None = None,
-    reserve: FloatArray | None = None,
     **fields: FloatArray | float,
 ) -> Law:
-    """Return the law of a kind; `fields` are those of `LAW` and of `POINT` that it does not lack.
+    """Return the law of a kind along `reference` (T + 1, 7) and `feedforward` (T, 3).
 
-    `reference` (T + 1, 7) and `feedforward` (T, 3) are those of the ticks.
+    `fields` are those of `Law`, `LAW` and `POINT` that it does not lack.
     """
+    faces = np.asarray(fields.pop("faces", np.zeros((0, 0, _N))))
+    reserve = np.asarray(fields.pop("reserve", np.zeros((0, 0, _M))))
     constants = np.zeros(LAW.itemsize // 8)
     points = np.zeros((len(feedforward), POINT.itemsize // 8))
-    fields |= {
-        "kind": kind,
-        "wheelbase": vehicle.wheelbase,
-        "time_constant": vehicle.speed_time_constant,
-        "state": reference[: len(feedforward)],
-        "feedforward": feedforward,
-    }
+    fields |= {"kind": kind, "wheelbase": vehicle.wheelbase, "feedforward": feedforward}
+    fields |= {"time_constant": vehicle.speed_time_constant, "state": reference[: len(points)]}
     for name, values in fields.items():
         of_law = name in (LAW.names or ())
         target = constants.view(LAW)[0] if of_law else points.view(POINT)[:, 0]
         target[name] = values
-    return Law(
-        constants,
-        points,
-        np.zeros((0, 0, _N)) if faces is None else faces,
-        np.zeros((0, 0, _M)) if reserve is None else reserve,
-    )
+    return Law(constants, points, faces, reserve)

@@ -68,6 +68,9 @@ class FeedbackLaw:
     def prepare(self, k: int) -> None:
         """Get ready for tick `k`, see `ttempc.types.Preparing`."""
 
+    def warm_up(self) -> None:
+        """Run, after a step, the code that a later one may need besides; on a copy of the law."""
+
 
 def write_told(told: Diagnostics, tick: FloatArray) -> None:
     """Write the numbers of a controller's diagnostics into the record `TICK`."""
@@ -146,6 +149,7 @@ class TrackingController:
         for k in range(_WARM_UP_TICKS):
             controller.prepare(k)
             controller.step(estimate, k)
+        controller.feedback.warm_up()
 
     def resume(self, previous: object) -> None:
         """Continue after a controller for other model parameters, see `ttempc.types.Resuming`.

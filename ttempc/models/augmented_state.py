@@ -1,21 +1,18 @@
 """Augmented state of the estimators: the vehicle's state and its persistent disturbances."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
 from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from ..errors import UnknownSensor
 from ..jit import cached_njit
-from ..layout import ESTIMATE, estimate_view
+from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
     Estimate,
     FloatArray,
-    Innovation,
     Input,
     MapDisturbance,
     Sensor,
@@ -82,31 +79,6 @@ INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.
 """Standard deviation of each disturbance of the vehicle before the first sample, (9,); assumed."""
 
 
-class Slips(NamedTuple):
-    """Total slips of an augmented state: body-fixed and map-fixed parts together."""
-
-    tractor: float  # [rad] side slip of the rear axle
-    trailer: float  # [rad] side slip of the trailer axle
-    wheel: float  # wheel slip 1 - v / rim
-
-
-def slips(augmented: FloatArray) -> Slips:
-    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (24,).
-
-    e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`. Both
-    map-fixed terms change their sign in reverse, where the vehicle climbs with its back and still
-    drifts downhill.
-    """
-    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, *of_map = augmented.tolist()
-    gx, gy, cx, cy = of_map[: len(MapDisturbance)]
-    cos_t, sin_t, gear = math.cos(psi_t), math.sin(psi_t), math.copysign(1.0, rim)
-    return Slips(
-        tractor=slip_t + gear * (gy * cos_t - gx * sin_t),
-        trailer=slip_i + gear * (gy * math.cos(psi_i) - gx * math.sin(psi_i)),
-        wheel=wheel + gear * (cx * cos_t + cy * sin_t),
-    )
-
-
 def map_disturbance_gain(
     psi_t: float, psi_i: float, speed: float, yaw_rate: float, vehicle: Vehicle
 ) -> FloatArray:
@@ -135,23 +107,6 @@ def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
     angle = delta_t + estimate.disturbance[Disturbance.STEERING]
     yaw_rate = v * math.tan(angle) / vehicle.wheelbase
     return map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
-
-
-def estimate_of(
-    augmented: FloatArray,
-    covariance: FloatArray,
-    time_s: float,
-    vehicle: Vehicle,
-    innovations: Sequence[Innovation] = (),
-) -> Estimate:
-    """Return the estimate for a controller from an augmented state (24,), see `write_estimate`.
-
-    `covariance` is (24, 24).
-    """
-    row = np.full(ESTIMATE.itemsize // 8, math.nan)
-    write_estimate(augmented, covariance, vehicle_parameters(vehicle), row)
-    row.view(ESTIMATE)["time_s"] = time_s
-    return replace(estimate_view(row), innovations=innovations)
 
 
 @cached_njit(error_model="numpy")

@@ -462,7 +462,6 @@ class FeedbackAction:
     plan: FloatArray  # (n + m + m Nc,) w of `CondensedHorizon`: state, previous input, input steps
     report: SolverReport
     fallback: str  # why the input is not the minimiser; empty where it is
-    excess: FloatArray | None = None  # (r,) violation of the soft bounds; None where there is none
 
 
 class LinearMpc:
@@ -483,10 +482,10 @@ class LinearMpc:
         """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
         work, m = self.work, len(previous)
         work.given[:-m], work.given[-m:] = state, previous
-        report, excess = self.answer(k, self.plan(k, work))
+        report, _ = self.answer(k, self.plan(k, work))
         u = self.horizon.first.clamp(k, work.given[-m:] + work.steps[:m])
         fallback = "" if report.accepted else f"QP {report.status}: previous feedback held"
-        return FeedbackAction(u, np.concatenate([work.given, work.steps]), report, fallback, excess)
+        return FeedbackAction(u, np.concatenate([work.given, work.steps]), report, fallback)
 
     def plan(self, k: int, work: Work) -> int:
         """Write the steps of tick `k` for `Work.given`; below 0 `answer` is to complete them."""

@@ -43,11 +43,6 @@ class SoftRows:
         excess = np.maximum(rows - self.upper, self.lower - rows)
         return bool((excess <= HOLDS).all())
 
-    @property
-    def slack_columns(self) -> FloatArray:
-        """Return the matrix from the slacks to the rows, (Np r, r)."""
-        return np.tile(np.eye(self.outputs), (len(self.lower) // self.outputs, 1))
-
 
 @dataclass(frozen=True, slots=True)
 class QP:
@@ -73,7 +68,7 @@ class QP:
         n, r = len(self.gradient), soft.outputs
         hessian = PENALTY * np.eye(n + r)
         hessian[:n, :n] = self.hessian
-        slack = soft.slack_columns
+        slack = np.tile(np.eye(r), (len(soft.lower) // r, 1))  # to the rows, (Np r, r)
         return QP(
             hessian=hessian,
             gradient=np.concatenate([self.gradient, np.full(r, PENALTY)]),

@@ -1,37 +1,72 @@
-"""Evidence: verdicts, the experiments' own arithmetic, and some experiments on short passes."""
+"""Evidence: verdicts, wrong constants, and the experiments' own arithmetic."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from proving_ground.experiments.papers.studies import evidence
-from proving_ground.experiments.papers.studies.evidence import Evidence, page
+from proving_ground.experiments.papers.studies.evidence import Evidence, Machine, page
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 
 
-def item(figure, band=(1.0, 2.0), **about):
-    texts = {"name": "a figure", "unit": "m", "published": "1 to 2 m", "method": "a drive"}
-    return Evidence(figure=figure, band=band, source="a source.", **texts, **about)
+def item(figure, name="a figure", **about):
+    texts = {"unit": "m", "published": "1 to 2 m", "method": "a drive", "rule": "a rule"}
+    texts |= {"name": name, "source": "a source.", "band": (1.0, 2.0)}
+    return Evidence(figure=figure, **{**texts, **about})
 
 
-def test_verdict_follows_from_figure_and_band_and_reasons_stand_together():
-    verdicts = {1.0: "in band", 2.0: "in band", 0.99: "below", 2.01: "above"}
-    for figure, verdict in {**verdicts, math.nan: "no figure"}.items():
-        one = item(figure, below="too little")
-        assert one.verdict == verdict
-        assert one.reason == {"in band": "", "below": "too little"}.get(verdict, "unknown")
-        assert ("- Outside, 1: " in page([one])) == bool(one.reason)
-    assert "- Outside, 1, 2: unknown." in page([item(0.0), item(0.5), item(1.5)])
-    assert page([item(1.5), item(3.0)]).startswith("1 of 2 figures from 1 sources")
+def test_verdict_follows_from_figure_and_band():
+    verdicts = {1.0: "in band", 2.0: "in band", 0.99: "below", 2.01: "above", math.nan: "no figure"}
+    for figure, verdict in verdicts.items():
+        assert item(figure).verdict == verdict
+        assert ("- Outside, 1: unknown." in page([item(figure)])) == (verdict != "in band")
+
+
+def test_only_two_sided_rows_count_and_say_what_turns_them_out():
+    items = [item(1.5, "one"), item(3.0, "two", at_work=True), item(1.5, "three", kind="one-sided")]
+    text = page(items)
+    assert text.startswith("1 of 2 two-sided figures from 1 sources")
+    assert "0 of 1 of machines at work" in text
+    assert "| a1 | three |" in text
+    low, high = (Machine("law.side", factor) for factor in evidence.WRONG)
+    table = evidence.mutation_table(["one", "four"], {low: ["one"], high: []})
+    assert "| one | side − |" in table
+    assert "| four | no constant |" in table
+    assert "Of 1 main constants, wrong by 30 %, 0 turn at least three rows out, 1 one or" in table
+
+
+def test_every_constant_is_one_of_the_plant_and_changes_it():
+    content = evidence._content()["constants"]
+    assert sum(map(len, content.values())) == 27
+    assert set(content["law"]) <= set(SoilLaw.__dataclass_fields__)
+    own, changed = read_vehicle("farm4500"), read_vehicle(Machine("vehicle.load.mass_kg", 1.3).file)
+    assert changed.load.mass_kg == pytest.approx(1.3 * own.load.mass_kg)
+    wheels = read_vehicle(Machine("vehicle.*_wheel.damping_spm", 0.7).file).wheels
+    assert all(wheels[axle].damping_spm == 0.7 * own.wheels[axle].damping_spm for axle in wheels)
+
+
+def test_scaled_law_is_scaled_once_for_either_kind_of_tyre_and_only_in_its_block():
+    kinds = np.array([True, False])
+    own = SoilLaw().of(kinds)
+    with evidence.scaled(["side"], 1.3):
+        law = SoilLaw().of(kinds)
+        assert law.side == pytest.approx(1.3 * own.side)
+        assert law.of(kinds).side == pytest.approx(law.side)
+    assert SoilLaw().of(kinds).side == pytest.approx(own.side)
 
 
 def test_side_force_of_a_wheel_opposes_its_slip_angle_and_falls_with_slip():
-    angle = math.radians(15.0)
-    free, half = (evidence.side_ratio(angle, slip, 20.0) for slip in (0.0, 0.5))
+    bench, angle = Machine().bench(), math.radians(15.0)
+    free, half = (evidence.side_ratio(bench, angle, slip, 20.0) for slip in (0.0, 0.5))
     assert free < half < 0.0
-    assert evidence.side_ratio(-angle, 0.5, 20.0) == pytest.approx(-half, rel=1e-6)
-    assert evidence.side_ratio(0.0, 0.2, 20.0) == pytest.approx(0.0, abs=1e-9)
+    assert evidence.side_ratio(bench, -angle, 0.5, 20.0) == pytest.approx(-half, rel=1e-6)
+    assert evidence.side_ratio(bench, 0.0, 0.2, 20.0) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_slow_yaw_response_is_ackermann():
-    assert evidence.yaw_gain(evidence.farm(), 0.5, periods=1) == pytest.approx(1.0, abs=0.02)
+    bench = Machine().bench()
+    tractor, _ = evidence.yaw_response(bench, 0.5, 0.2, periods=1)
+    assert abs(tractor) == pytest.approx(0.5 / bench.nominal.wheelbase, rel=0.03)

@@ -2,12 +2,54 @@
 
 from __future__ import annotations
 
+from math import copysign, cos, nan, sin
+from typing import NamedTuple
+
 import numpy as np
 
-from ttempc.models.augmented_state import SIZE, STATES, AugmentedState, slips
+from ttempc.layout import ESTIMATE, estimate_view
+from ttempc.models.augmented_state import (
+    SIZE,
+    STATES,
+    AugmentedState,
+    vehicle_parameters,
+    write_estimate,
+)
 from ttempc.models.kinematics import articulated
-from ttempc.types import Disturbance, FloatArray, Input, State
+from ttempc.types import Disturbance, Estimate, FloatArray, Input, State
 from ttempc.vehicle import Vehicle
+
+
+class Slips(NamedTuple):
+    """Total slips of an augmented state: body-fixed and map-fixed parts together."""
+
+    tractor: float  # [rad] side slip of the rear axle
+    trailer: float  # [rad] side slip of the trailer axle
+    wheel: float  # wheel slip 1 - v / rim
+
+
+def slips(augmented: FloatArray) -> Slips:
+    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (24,).
+
+    e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`.
+    """
+    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, gx, gy, cx, cy = augmented[:16]
+    gear = copysign(1.0, rim)
+    return Slips(
+        tractor=slip_t + gear * (gy * cos(psi_t) - gx * sin(psi_t)),
+        trailer=slip_i + gear * (gy * cos(psi_i) - gx * sin(psi_i)),
+        wheel=wheel + gear * (cx * cos(psi_t) + cy * sin(psi_t)),
+    )
+
+
+def estimate_of(
+    augmented: FloatArray, covariance: FloatArray, time_s: float, vehicle: Vehicle
+) -> Estimate:
+    """Return the estimate of an augmented state (24,) with its covariance (24, 24)."""
+    row = np.full(ESTIMATE.itemsize // 8, nan)
+    write_estimate(augmented, covariance, vehicle_parameters(vehicle), row)
+    row.view(ESTIMATE)["time_s"] = time_s
+    return estimate_view(row)
 
 
 def augmented_rate(augmented: FloatArray, inputs: FloatArray, vehicle: Vehicle) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tests.reference.estimation.augmented_state import augmented_rate
+from tests.reference.estimation.augmented_state import augmented_rate, estimate_of
 from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
 from ttempc.estimation import filter as kernels
@@ -20,7 +20,6 @@ from ttempc.models.augmented_state import (
     SIZE,
     AugmentedState,
     advance_augmented_state,
-    estimate_of,
     predicted_measurement,
     state_rate,
     state_rate_jacobian,
@@ -36,7 +35,9 @@ PARAMETERS = vehicle_parameters(VEHICLE)
 
 
 def random_augmented(generator):
-    augmented = generator.normal(size=SIZE) * [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * (SIZE - 7)]
+    sds = [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * (SIZE - 9)]
+    offsets = 0.03, -0.02
+    augmented = np.insert(sds * generator.normal(size=SIZE - 2), AugmentedState.OFFSET_I, offsets)
     augmented[AugmentedState.PSI_I] += augmented[AugmentedState.PSI_T]
     augmented[AugmentedState.RIM] += generator.choice([1.0, -1.0])
     return augmented

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.reference.estimation.augmented_state import estimate_of
 from tests.ttempc.closed_loop import Supervised
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import DeadTimeCompensation, compensated, lead_s
@@ -16,7 +17,6 @@ from ttempc.models.augmented_state import (
     SIZE,
     STATES,
     advance_augmented_state,
-    estimate_of,
     vehicle_parameters,
 )
 from ttempc.models.rows import WIDTH
@@ -58,7 +58,7 @@ def loop(supervisor, vehicle, augmented, first, ticks, waiting, stopped=()):
     transition, states, commands = np.empty((SIZE, WIDTH)), [], []
     for k in range(first, first + ticks):
         states.append(augmented.copy())
-        estimate = estimate_of(augmented, np.zeros((SIZE, SIZE)), k * PERIOD_S, vehicle, ())
+        estimate = estimate_of(augmented, np.zeros((SIZE, SIZE)), k * PERIOD_S, vehicle)
         alarms = [Alarm("given", "given", Reaction.STOP_ON_PATH)] if k - first in stopped else []
         commands.append(supervisor.step(estimate, k, alarms=alarms).command.as_array())
         for _ in range(round(PERIOD_S / SUBSTEP_S)):
@@ -132,5 +132,5 @@ def test_the_controller_gets_the_state_at_which_its_command_acts(dead_times, sto
     states, _ = loop(supervisor, vehicle, off_the_path(), 60, 30, np.tile(start, (6, 1)), stopped)
     lead = round(lead_s(vehicle) / PERIOD_S)
     for k in range(30 - lead):
-        actual = estimate_of(states[k + lead], np.zeros((SIZE, SIZE)), 0.0, vehicle, ())
+        actual = estimate_of(states[k + lead], np.zeros((SIZE, SIZE)), 0.0, vehicle)
         np.testing.assert_allclose(estimates[k].state, actual.state, atol=1e-9)

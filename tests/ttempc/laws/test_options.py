@@ -119,7 +119,7 @@ def test_impossible_values_are_refused_with_name_and_value():
             options(**{name: value})
 
 
-KINDS = {entry.options for entry in CONTROLLERS.values() if entry.options_type}
+KINDS = {entry.options for entry in CONTROLLERS.values() if entry.options}
 by_kind = pytest.mark.parametrize("kind", sorted(KINDS, key=lambda kind: kind.__name__))
 
 
