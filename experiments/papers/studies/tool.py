@@ -9,8 +9,7 @@ _SEEDS: Final = tuple(range(9401, 9421))  # 9301 to 9304 were those of tuning
 
 CONTROLLERS: Final = {
     **{
-        f"`{name}`": (f'controller.name="{name}"',)
-        for name in ("ttempc", "pid", "lqr", "nmpc-rti")
+        f"`{name}`": (f'controller.name="{name}"',) for name in ("ttempc", "pid", "lqr", "nmpc-rti")
     },
     "`ttempc`, `guided = axle`": ('controller.options.guided="axle"',),
 }
