@@ -274,4 +274,5 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
         (more.augmented[0] - less.augmented[0]) / (2.0 * small),
         atol=0.05 * np.abs(one[0].augmented[level]).max(),
     )
-    assert one[2] == pytest.approx((upper - lower) / (2.0 * small), rel=0.05)
+    # a score near 0 is a difference of large terms
+    assert one[2] == pytest.approx((upper - lower) / (2.0 * small), rel=0.05, abs=1e-3)
