@@ -19,13 +19,13 @@ from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
 
+from ttempc.baselines.pid import pid_controller
 from ttempc.types import Command, Input, Sensor
 from ttempc.vehicle import Vehicle
 
 LARGEST_M = 0.05  # mean Euclidean error after the first 8 s; two to three times what they show
 BACK = "path={kind='straight', length_m=20.0, reverse=true}"
 WRONG = ["path.laps=1", "controller.vehicle.wheelbase_m=1.74", "controller.vehicle.drawbar_m=0.96"]
-LOCKED = "stages=[{make='tests.experiments.run.test_drives:locked', after='control'}]"
 
 
 def straight(length_m, **keys):
@@ -117,27 +117,26 @@ def test_with_the_right_lengths_learning_changes_no_bit():
     assert np.array_equal(record[STATE].values, other[STATE].values)
 
 
-def locked(_generator):
-    """Return a stage that steers the tractor along the x axis and locks the trailer's steering."""
+def locked(vehicle, reference, period_s):
+    """Return a controller that guides the tractor and keeps the trailer's steering straight.
 
-    def steer(_setup, tick):
-        truth = tick.now
-        course = truth.tractor.yaw + math.atan2(truth.lateral_speed, truth.speed)
-        delta_t = min(0.5, max(-0.5, -0.8 * truth.tractor.y - 1.6 * course))
-        tick.command = replace(tick.command, delta_t=delta_t, delta_i=0.0)
+    A controller's own choice: of a valve that stays behind its command the supervisor would stop.
+    """
+    both = pid_controller(vehicle, reference, period_s)
 
-    return steer
+    class Locked:
+        def step(self, estimate, k):
+            return replace(both.step(estimate, k).command, delta_i=0.0)
 
-
-def tilled(name, *overrides):
-    return driven(name, straight(25), "controller.name=pid", *overrides, seed=5)
+    return Locked()
 
 
 def test_on_a_side_slope_a_steered_trailer_keeps_the_tool_where_a_locked_one_does_not():
     """Veal (2009): an unsteered implement slides aside behind a guided tractor."""
-    steered, aside = (
-        tilled("side-slope", "implement={}", *more)[0].tracking.all for more in ((), (LOCKED,))
-    )
+    drive = ("side-slope", straight(25), "implement={}", "controller.name=pid")
+    summaries = [driven(*drive, seed=5, factory=factory)[0] for factory in (None, locked)]
+    assert [summary.status for summary in summaries] == ["completed"] * 2
+    steered, aside = (summary.tracking.all for summary in summaries)
     assert aside.tractor.cross_p95_m < 0.06
     assert aside.tool.cross_p95_m > 2.0 * steered.tool.cross_p95_m
     assert aside.tool.cross_mean_m < -0.03  # downhill
