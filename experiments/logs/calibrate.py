@@ -20,6 +20,7 @@ from ..scenario.vehicle import LENGTH_KEYS, edited_file
 from .replay import read_run, ticks
 
 _LEAST_S: Final = 30.0  # of driving; assumed
+_MOST_SD: Final = 2.0  # of the hitch, beside the best fit; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,17 +29,27 @@ class Calibration:
 
     changes: tuple[ParameterChange, ...]  # of all lengths, in the order of `LENGTHS`
     file: str  # text of a vehicle file
+    moved_sd: float  # by which the hitch is behind that of the fit, see `calibrate`
 
     def format(self) -> list[str]:
         """Return a line for each length, by its key in `[controller.vehicle]` of a scenario."""
-        return [
+        lines = [
             f"{LENGTH_KEYS[item.name]:<16}{item.before:8.3f} -> {item.after:6.3f} +- {item.sd:.3f}"
             for item in self.changes
         ]
+        if self.moved_sd > 0.0:
+            lines.append(
+                f"hitch {self.moved_sd:.1f} sd behind the best fit, which no vehicle can have"
+            )
+        return lines
 
 
 def calibrate(log: Path) -> Calibration:
     """Return the lengths that fit the samples and commands of a log, see `fit_lengths`.
+
+    Hitch offset and drawbar are hard to tell apart: the best fit may have the drawbar in the rear
+    wheels where the true one clears them. Then the most likely lengths with a hitch farther behind
+    count, up to 2 sd: theta + n P e / sd, with n the least that makes a vehicle and e the hitch.
 
     Raises:
         LogError: no such file, not a log of this project, or of another version of it.
@@ -65,15 +76,21 @@ def calibrate(log: Path) -> Calibration:
             f"{log}: has too few curves: the wheelbase is known to {100 * known:.0f} % only, must "
             f"be {100 * KNOWN_SD:.0f} %"
         )
-    after = dict(zip(LENGTHS, fit.lengths.tolist(), strict=False))
-    changes = tuple(
-        ParameterChange(name, getattr(vehicle, name), after[name], deviation)
-        for name, deviation in zip(LENGTHS, sd.tolist(), strict=False)
-    )
-    values = {LENGTH_KEYS[name]: value for name, value in after.items()}
-    text = edited_file(scenario.plant.vehicle.file_text(), values, f"fitted to {log}")
-    try:
-        validated(PlantVehicle, tomllib.loads(text), InvalidPlant)
-    except InvalidPlant as error:
-        raise InvalidReplay(f"{log}: the lengths that fit make no vehicle: {error}") from None
-    return Calibration(changes, text)
+    hitch = LENGTHS.index("hitch_offset")
+    source, refused = scenario.plant.vehicle.file_text(), None
+    for moved_sd in np.linspace(0.0, _MOST_SD, 21).tolist():
+        lengths = fit.lengths + moved_sd * fit.covariance[:, hitch] / sd[hitch]
+        after = dict(zip(LENGTHS, lengths.tolist(), strict=False))
+        values = {LENGTH_KEYS[name]: value for name, value in after.items()}
+        text = edited_file(source, values, f"fitted to {log}")
+        try:
+            validated(PlantVehicle, tomllib.loads(text), InvalidPlant)
+        except InvalidPlant as error:
+            refused = refused or error
+            continue
+        rows = zip(LENGTHS, sd.tolist(), strict=False)
+        changes = tuple(
+            ParameterChange(name, getattr(vehicle, name), after[name], own) for name, own in rows
+        )
+        return Calibration(changes, text, moved_sd)
+    raise InvalidReplay(f"{log}: the lengths that fit make no vehicle: {refused}")
