@@ -114,6 +114,7 @@ WRONG: Final = (0.7, 1.3)
 _OWN: Final = {
     "implement.width_m": 2.0,
     "implement.side_stiffness_n_per_deg_m2": 1500.0,
+    "implement.strength_exponent": 0.5,
     "soil.cone_index_kpa": 900.0,
 }
 
@@ -155,8 +156,8 @@ class Machine:
             key: value * (self.factor if key == self.constant else 1.0)
             for key, value in _OWN.items()
         }
-        wanted = ("width_m", "side_stiffness_n_per_deg_m2")
-        inside = ",".join(f"{key}={own[f'implement.{key}']}" for key in wanted)
+        tools = [key for key in own if key.startswith("implement.")]
+        inside = ",".join(f"{key.partition('.')[2]}={own[key]}" for key in tools)
         share = own["soil.cone_index_kpa"] / _OWN["soil.cone_index_kpa"]
         return (
             f"plant.vehicle.file={json.dumps(self.file)}",
@@ -504,7 +505,11 @@ def mutation_table(inside: Sequence[str], out: Mapping[Machine, Sequence[str]]) 
     most: dict[str, list[Sequence[str]]] = {}
     for machine, rows in out.items():
         most.setdefault(machine.constant, []).append(rows)
-    largest = [max(map(len, both)) for both in most.values()]
+    largest = {name: max(map(len, both)) for name, both in most.items()}
+
+    def of_size(least: int, below: int) -> list[str]:
+        return [f"`{name}`" for name, count in largest.items() if least <= count < below]
+
     fail = [", ".join(_signed(each) for each, rows in out.items() if row in rows) for row in inside]
     return "\n\n".join(
         [
@@ -512,9 +517,17 @@ def mutation_table(inside: Sequence[str], out: Mapping[Machine, Sequence[str]]) 
                 ["row inside its band", "could fail: constants 30 % too large (+) or small (−)"],
                 [[row, cause or "no constant"] for row, cause in zip(inside, fail, strict=True)],
             ),
-            f"Of {len(most)} main constants, wrong by 30 %, "
-            f"{sum(count >= 3 for count in largest)} turn at least three rows out, "
-            f"{sum(0 < count < 3 for count in largest)} one or two, {largest.count(0)} none.",
+            "\n".join(
+                f"- {head}: {', '.join(names) or 'none'}."
+                for head, names in (
+                    (
+                        f"Of {len(largest)} main constants, turn three rows or more out",
+                        of_size(3, 99),
+                    ),
+                    ("turn one or two out", of_size(1, 3)),
+                    ("turn none out", of_size(0, 1)),
+                )
+            ),
         ]
     )
 
