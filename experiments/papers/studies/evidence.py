@@ -114,7 +114,6 @@ WRONG: Final = (0.7, 1.3)
 _OWN: Final = {
     "implement.width_m": 2.0,
     "implement.side_stiffness_n_per_deg_m2": 1500.0,
-    "implement.strength_exponent": 0.5,
     "soil.cone_index_kpa": 900.0,
 }
 
@@ -156,8 +155,8 @@ class Machine:
             key: value * (self.factor if key == self.constant else 1.0)
             for key, value in _OWN.items()
         }
-        tools = [key for key in own if key.startswith("implement.")]
-        inside = ",".join(f"{key.partition('.')[2]}={own[key]}" for key in tools)
+        wanted = ("width_m", "side_stiffness_n_per_deg_m2")
+        inside = ",".join(f"{key}={own[f'implement.{key}']}" for key in wanted)
         share = own["soil.cone_index_kpa"] / _OWN["soil.cone_index_kpa"]
         return (
             f"plant.vehicle.file={json.dumps(self.file)}",
