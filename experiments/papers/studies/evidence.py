@@ -490,7 +490,8 @@ def _mutations(runner: Runner) -> str:
     tasks = [(name, machine) for name in used for machine in wrong]
     out: dict[Machine, list[str]] = {machine: [] for machine in wrong}
     for (_, machine), items in zip(tasks, runner.map(measure, tasks), strict=True):
-        out[machine] += [item.name for item in items if item.name in own and not item.inside]
+        moved = ("below", "above")  # a machine that is refused has no figure
+        out[machine] += [item.name for item in items if item.name in own and item.verdict in moved]
     return mutation_table([*own], out)
 
 
@@ -557,7 +558,7 @@ def _held(items: Sequence[Evidence]) -> str:
 
 
 def _signed(machine: Machine) -> str:
-    return f"{machine.constant.split('.')[-1]} {'+' if machine.factor > 1.0 else '−'}"
+    return f"{machine.constant.partition('.')[2]} {'+' if machine.factor > 1.0 else '−'}"
 
 
 def _notes(items: Sequence[Evidence], letter: str) -> list[str]:
