@@ -6,11 +6,13 @@ with names and words, `Estimate` and `Diagnostics`, are made where somebody look
 """
 
 import math
+from array import array
 from collections.abc import Iterator, Sequence
 from typing import Final, overload
 
 import numpy as np
 
+from .errors import InvalidSample
 from .types import Estimate, FloatArray, Innovation, Measurement, Sensor
 
 SAMPLE: Final = 5
@@ -40,15 +42,24 @@ def sample_rows(samples: Sequence[Measurement]) -> FloatArray:
 
     Samples of unknown sensors are left out. A value with another number of components than those
     of its sensor becomes NaN.
+
+    Raises:
+        InvalidSample: time or value are no numbers, the sensor is no name.
     """
-    rows = []
-    for sample in samples:
-        if sample.sensor in _KINDS:
-            kind, length, fill = _KINDS[sample.sensor]
-            fill = (float(sample.status),) if length == 2 else fill
-            value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
-            rows.append((sample.time_s, kind, *value))
-    return np.array(rows, dtype=float).reshape(-1, SAMPLE)
+    rows = array("d")  # which takes numbers only
+    try:
+        for sample in samples:
+            if sample.sensor in _KINDS:
+                kind, length, fill = _KINDS[sample.sensor]
+                fill = (sample.status,) if length == 2 else fill
+                value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
+                rows.extend((sample.time_s, kind, *value))
+            elif not isinstance(sample.sensor, str):
+                raise TypeError(f"sensor is {type(sample.sensor).__name__}")
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
+        must = "must be a sequence of Measurement(time_s, sensor, (value, ...))"
+        raise InvalidSample(f"measurements: {error}; {must}") from None
+    return np.array(rows).reshape(-1, SAMPLE)
 
 
 def measurements_of(rows: FloatArray) -> list[Measurement]:

@@ -7,10 +7,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from ttempc.errors import TtempcError
+
 from ...testbed.atomic_write import atomic_write
-from ...testbed.errors import LogError
+from ...testbed.configuration.config_io import parse_toml, validated
+from ...testbed.errors import LogError, TestbedError
 from ...testbed.ground.ground import GROUND_FILE
 from ...testbed.log.reader import RECOVERED_KEY, Content, record_of
+from ...testbed.log.scene import MODEL_FILE, attachment, ground_of, model_of, motion_of
 from ...testbed.log.writer import begin_log, refuse_existing_log
 from ...testbed.recording.channels import (
     CONTROL,
@@ -20,10 +24,19 @@ from ...testbed.recording.channels import (
     TRANSFORMS_TOPIC,
     TYRES,
 )
+from ...testbed.vehicle.vehicle import PlantVehicle
+from ..errors import ExperimentError
+from ..scenario.scenario import ScenarioFile
 
 _CHANNELS: Final = (STATE, REFERENCE, TYRES, ESTIMATE, CONTROL)
 _REQUIRED_TOPICS: Final = (*(channel.topic for channel in _CHANNELS), TRANSFORMS_TOPIC)
-_ATTACHMENTS: Final = ("scenario.toml", "vehicle.toml", "model.xml", GROUND_FILE)
+_SCENARIO, _VEHICLE = "scenario.toml", "vehicle.toml"
+_ATTACHMENTS: Final = (_SCENARIO, _VEHICLE, MODEL_FILE, GROUND_FILE)
+_MOST_APART_S: Final = 2.0  # a few control periods; assumed
+_TOGETHER: Final = (  # topics whose messages are written at the same times
+    (STATE.topic, REFERENCE.topic, TYRES.topic, TRANSFORMS_TOPIC),
+    (ESTIMATE.topic, CONTROL.topic),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +52,7 @@ class LogCheck:
 
 
 def check_log(content: Content) -> list[LogCheck]:
-    """Check a log for damage, missing attachments and topics, and gaps in time.
+    """Check a log for damage, missing or foreign attachments and topics, and gaps in time.
 
     Raises:
         LogError: the log is of another version of this project.
@@ -58,6 +71,8 @@ def check_log(content: Content) -> list[LogCheck]:
     return [
         LogCheck("whole", not content.salvage, state_of(content)),
         LogCheck("attachments", not files, f"missing: {', '.join(files) or 'none'}"),
+        _readable(content),
+        _together(times),
         LogCheck("topics", not topics, f"nothing on: {', '.join(topics) or 'none'}"),
         LogCheck("time", not backwards, f"backwards on {', '.join(backwards) or 'none'}"),
         LogCheck(
@@ -71,6 +86,37 @@ def check_log(content: Content) -> list[LogCheck]:
             f"{len(state)} rows, to rise from 0 s, finite and at the times of their messages",
         ),
     ]
+
+
+def _readable(content: Content) -> LogCheck:
+    """Check that attachments and poses are what their readers expect; no code is run."""
+    try:
+        scenario, vehicle = (
+            parse_toml(attachment(content, name).decode(errors="replace"), LogError, name)
+            for name in (_SCENARIO, _VEHICLE)
+        )
+        ScenarioFile(Path(_SCENARIO), scenario).scenario()
+        validated(PlantVehicle, vehicle, LogError)
+        for read in (model_of, ground_of, motion_of):
+            read(content)
+    except (ExperimentError, TestbedError, TtempcError) as error:
+        return LogCheck("content", False, str(error))
+    return LogCheck("content", True, "attachments and poses as this program writes them")
+
+
+def _together(times: Mapping[str, list[int]]) -> LogCheck:
+    """Check that topics of one stage have messages at the same times, and all the same end."""
+    # A torn log may end between two topics.
+    ends = [each[-1] for topics in _TOGETHER for topic in topics if (each := times.get(topic))]
+    apart_s = 1e-9 * (max(ends, default=0) - min(ends, default=0))
+    differing = [
+        topic
+        for first, *others in _TOGETHER
+        for topic in others
+        if any(a != b for a, b in zip(times.get(topic, []), times.get(first, []), strict=False))
+    ]
+    detail = f"other times on {', '.join(differing) or 'none'}; ends {apart_s:.2f} s apart"
+    return LogCheck("together", not differing and apart_s <= _MOST_APART_S, detail)
 
 
 def state_of(content: Content) -> str:

@@ -323,9 +323,11 @@ class Session:
             if self._link.counts[Trouble.INVALID] == 1:
                 self._say(one_line(f"refused, from {text_of(address)}: {error}"))
             return
-        if self._link.peer is None:
+        if self._link.peer is None and self._protocol.ready:  # this datagram was the one
             self._link.peer = address
             self._say(f"peer {text_of(address)}")
+        elif self._link.peer is None:
+            self._link.admit(address)
         self._send(received.replies)
         if received.command is not None and self._running:
             self._keep(received.command)
