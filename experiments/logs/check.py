@@ -16,26 +16,17 @@ from ...testbed.ground.ground import GROUND_FILE
 from ...testbed.log.reader import RECOVERED_KEY, Content, record_of
 from ...testbed.log.scene import MODEL_FILE, attachment, ground_of, model_of, motion_of
 from ...testbed.log.writer import begin_log, refuse_existing_log
-from ...testbed.recording.channels import (
-    CONTROL,
-    ESTIMATE,
-    REFERENCE,
-    STATE,
-    TRANSFORMS_TOPIC,
-    TYRES,
-)
+from ...testbed.recording import channels as ch
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..errors import ExperimentError
 from ..scenario.scenario import ScenarioFile
 
-_CHANNELS: Final = (STATE, REFERENCE, TYRES, ESTIMATE, CONTROL)
-_REQUIRED_TOPICS: Final = (*(channel.topic for channel in _CHANNELS), TRANSFORMS_TOPIC)
 _SCENARIO, _VEHICLE = "scenario.toml", "vehicle.toml"
 _ATTACHMENTS: Final = (_SCENARIO, _VEHICLE, MODEL_FILE, GROUND_FILE)
 _MOST_APART_S: Final = 2.0  # a few control periods; assumed
 _TOGETHER: Final = (  # topics whose messages are written at the same times
-    (STATE.topic, REFERENCE.topic, TYRES.topic, TRANSFORMS_TOPIC),
-    (ESTIMATE.topic, CONTROL.topic),
+    (ch.STATE.topic, ch.REFERENCE.topic, ch.TYRES.topic, ch.TRANSFORMS_TOPIC),
+    (ch.ESTIMATE.topic, ch.CONTROL.topic),
 )
 
 
@@ -57,16 +48,16 @@ def check_log(content: Content) -> list[LogCheck]:
     Raises:
         LogError: the log is of another version of this project.
     """
-    state, found = record_of(content)[STATE], content.messages
+    state, found = record_of(content)[ch.STATE], content.messages
     files = [name for name in _ATTACHMENTS if name not in content.attachments]
-    topics = [topic for topic in _REQUIRED_TOPICS if not found.get(topic)]
+    topics = [topic for group in _TOGETHER for topic in group if not found.get(topic)]
     times = {topic: [each.log_time for each in group] for topic, group in found.items()}
     backwards = [topic for topic, each in times.items() if np.any(np.diff(each) < 0)]
     steps_s = np.diff(state.time_s) if len(state) > 1 else np.zeros(1)
     period_s, longest_s = float(np.median(steps_s)), float(steps_s.max())
     finite = bool(np.isfinite(state.values).all()) and bool(np.any(state.values))
     begins = steps_s.min() > 0.0 and state.time_s[0] == 0.0
-    written_s = 1e-9 * np.array(times.get(STATE.topic, []))
+    written_s = 1e-9 * np.array(times.get(ch.STATE.topic, []))
     stamped = np.allclose(state.time_s, written_s, rtol=0.0, atol=1e-6)
     return [
         LogCheck("whole", not content.salvage, state_of(content)),

@@ -19,7 +19,6 @@ Address = tuple[str, int]
 """IPv4 address and port."""
 
 _MOST_BYTES: Final = 65535  # of a datagram; longer ones do not exist
-_MOST_LISTENERS: Final = 8  # before one of them drives; assumed
 _SHORTEST_WAIT_S: Final = 1e-4  # a timeout of 0 would make the socket non-blocking
 
 
@@ -138,7 +137,7 @@ class Link:
 
     def __init__(self, address: Address, peer: Address | None = None) -> None:
         self.peer = peer
-        self._audience: dict[Address, None] = {}  # who is answered while nobody owns the session
+        self.audience: set[Address] = set()  # who is answered while nobody owns the session
         self.counts: Counter[Trouble] = Counter()
         self.sent = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -155,17 +154,12 @@ class Link:
     def __exit__(self, *raised: object) -> None:
         self._socket.close()
 
-    def admit(self, address: Address) -> None:
-        """Answer an address until one owns the session; at most eight, later ones are not."""
-        if len(self._audience) < _MOST_LISTENERS:
-            self._audience[address] = None
-
     def send(self, payload: bytes) -> None:
-        """Send a datagram to the peer, to all that are admitted while there is none.
+        """Send a datagram to the peer, to the audience while there is none.
 
         One that the system refuses is counted.
         """
-        for address in self._audience if self.peer is None else (self.peer,):
+        for address in self.audience if self.peer is None else (self.peer,):
             try:
                 self._socket.sendto(payload, address)
             except OSError:  # too long, no route, a full queue

@@ -60,24 +60,19 @@ def check_model(text: str) -> None:
 
 def _check_sums(root: ElementTree.Element) -> None:
     """Refuse parts that are allowed one by one and together take gigabytes or minutes."""
-    elements = list(root.iter())
-    # A cube or a sky has six sides.
-    pixels = sum(
-        _area(e, "width", "height") * (1 if e.get("type") == "2d" else 6) for e in elements
-    )
-    cells = sum(_area(e, "nrow", "ncol") for e in elements)
+    elements = pixels = cells = 0
+    for each in root.iter():
+        sides = 1 if each.get("type") == "2d" else 6  # of a cube or a sky
+        elements += 1
+        pixels += sides * int(each.get("width", 0)) * int(each.get("height", 0))
+        cells += int(each.get("nrow", 0)) * int(each.get("ncol", 0))
     for what, count, most in (
-        ("elements", len(elements), _MOST_ELEMENTS),
+        ("elements", elements, _MOST_ELEMENTS),
         ("pixels of textures", pixels, _MOST_ALL_PIXELS),
         ("points of height fields", cells, _MOST_CELLS),
     ):
         if count > most:
             raise ValueError(f"has {count} {what}, at most {most}")
-
-
-def _area(element: ElementTree.Element, *sides: str) -> int:
-    first, second = (int(element.get(side, 0)) for side in sides)
-    return first * second
 
 
 def _check_element(element: ElementTree.Element, level: int) -> None:
