@@ -48,7 +48,8 @@ def check_log(content: Content) -> list[LogCheck]:
     Raises:
         LogError: the log is of another version of this project.
     """
-    state, found = record_of(content)[ch.STATE], content.messages
+    record, found = record_of(content), content.messages
+    state = record[ch.STATE]
     files = [name for name in _ATTACHMENTS if name not in content.attachments]
     topics = [topic for group in _TOGETHER for topic in group if not found.get(topic)]
     times = {topic: [each.log_time for each in group] for topic, group in found.items()}
@@ -57,8 +58,10 @@ def check_log(content: Content) -> list[LogCheck]:
     period_s, longest_s = float(np.median(steps_s)), float(steps_s.max())
     finite = bool(np.isfinite(state.values).all()) and bool(np.any(state.values))
     begins = steps_s.min() > 0.0 and state.time_s[0] == 0.0
-    written_s = 1e-9 * np.array(times.get(ch.STATE.topic, []))
-    stamped = np.allclose(state.time_s, written_s, rtol=0.0, atol=1e-6)
+    written = (
+        (record[each].time_s, 1e-9 * np.array(times.get(each.topic, []))) for each in ch.CHANNELS
+    )
+    stamped = all(np.allclose(*pair, rtol=0.0, atol=1e-6) for pair in written)
     return [
         LogCheck("whole", not content.salvage, state_of(content)),
         LogCheck("attachments", not files, f"missing: {', '.join(files) or 'none'}"),
@@ -74,7 +77,7 @@ def check_log(content: Content) -> list[LogCheck]:
         LogCheck(
             "state",
             finite and bool(begins) and stamped,
-            f"{len(state)} rows, to rise from 0 s, finite and at the times of their messages",
+            f"{len(state)} rows, to rise from 0 s, finite; all rows at the times of their messages",
         ),
     ]
 
@@ -86,6 +89,8 @@ def _readable(content: Content) -> LogCheck:
             parse_toml(attachment(content, name).decode(errors="replace"), LogError, name)
             for name in (_SCENARIO, _VEHICLE)
         )
+        if not scenario:
+            raise LogError(f"{_SCENARIO}: is empty")
         ScenarioFile(Path(_SCENARIO), scenario).scenario()
         validated(PlantVehicle, vehicle, LogError)
         for read in (model_of, ground_of, motion_of):

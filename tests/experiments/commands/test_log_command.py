@@ -104,7 +104,7 @@ def test_check_reports_missing_topics_attachments_and_rows(tmp_path):
     ("name", "wrong"),
     [
         *(("scenario.toml", b"x = 1"), ("vehicle.toml", b"x = 1"), ("model.xml", b"\xff")),
-        *(("ground.npz", b"PK"), ("/tf", b"\xff"), ("/tf", b"")),
+        *(("ground.npz", b"PK"), ("/tf", b"\xff"), ("/tf", b""), ("/tyres", b"")),
         *(("/control", slice(3)), ("/state", slice(None, None, 2)), ("/tyres", slice(9, None))),
     ],
 )
