@@ -155,10 +155,7 @@ class Link:
         self._socket.close()
 
     def send(self, payload: bytes) -> None:
-        """Send a datagram to the peer, to the audience while there is none.
-
-        One that the system refuses is counted.
-        """
+        """Send a datagram to peer or audience; one that the system refuses is counted."""
         for address in self.audience if self.peer is None else (self.peer,):
             try:
                 self._socket.sendto(payload, address)
