@@ -41,12 +41,12 @@ class UnknownEstimator(TtempcError):
     """An estimator name that is not in the table; the message lists those that are."""
 
 
-class InvalidSample(TtempcError):
-    """A measurement that is none: not made of numbers, or time and sensor exchanged."""
-
-
 class InvalidTime(TtempcError):
     """A time stamp that is not finite or runs backwards; the message gives both times."""
+
+
+class InvalidSamples(TtempcError):
+    """Samples that are none: of another shape or sensor, or not made of numbers."""
 
 
 class GuidanceFailed(TtempcError):

@@ -189,7 +189,7 @@ class Guidance:
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
             your own.
         detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
-            your own beside them.
+            your own, which run beside the built-in ones and do not replace them.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -368,10 +368,10 @@ class Guidance:
 
         Raises:
             InvalidTime: `time_s` is no finite number or before that of the last update.
-            InvalidSample: a measurement is not made of numbers, or its sensor is no name.
+            InvalidSamples: rows of another shape, a sensor that does not exist, what is no number.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
-        rows = measurements if isinstance(measurements, np.ndarray) else sample_rows(measurements)
+        rows = sample_rows(measurements)
         try:
             finite = math.isfinite(time_s)
         except (OverflowError, TypeError) as error:

@@ -19,7 +19,7 @@ from ttempc.errors import (
     GuidanceFailed,
     InvalidPath,
     InvalidReference,
-    InvalidSample,
+    InvalidSamples,
     InvalidTime,
     InvalidTuning,
     UnknownController,
@@ -162,7 +162,7 @@ def test_calls_out_of_order_are_refused(samples):
         (Sensor.HITCH, 5.2, (0.0,)),
         (5.2, Sensor.HITCH, 0.0),
     ):
-        with pytest.raises(InvalidSample, match="measurements"):
+        with pytest.raises(InvalidSamples, match="measurements"):
             guidance.update(5.2, [Measurement(*place)])
     arrays = [replace(sample, value=np.array(sample.value)) for sample in samples[1]]
     guidance.update(5.2, arrays)  # the clock and the estimate are as before the refusals
