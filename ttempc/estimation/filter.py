@@ -121,9 +121,6 @@ HELD: Final = 7
 """Entries of a sample in memory: those of `SAMPLE`, whether the filter accepted it, and the row in
 which it came at this update, else -1."""
 
-UNKNOWN, ESTIMATED, COMPLETE = 0, 1, 2
-"""Results of `observe_filter`: not started; estimated; not started with readings of all sensors."""
-
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 
 
@@ -519,7 +516,7 @@ def observe_filter(
     command: FloatArray,
     estimate: FloatArray,
     innovations: FloatArray,
-) -> int:
+) -> bool:
     """Take in the samples `rows` of a tick, and write the estimate at `now_s`.
 
     Args:
@@ -535,8 +532,9 @@ def observe_filter(
         estimate: `ESTIMATE`.
         innovations: rows (n, `INNOVATION`) of the samples, of dimension 0 where there is none.
 
-    The arrays need space for all rows, see `ExtendedKalmanFilter`. Returns `UNKNOWN`, `ESTIMATED`
-    or `COMPLETE`: then the caller may write the first moment, and update to the same time again.
+    The arrays need space for all rows, see `ExtendedKalmanFilter`. Returns whether the filter has
+    not started and has a reading of every sensor: then the caller may write the first moment, and
+    update to the same time again.
 
     A late sample takes the filter back to the last moment before it; all samples from there on are
     processed again in the order of their times. The result depends neither on the order of arrival
@@ -713,7 +711,7 @@ def observe_filter(
         for i in range(len(estimate)):
             estimate[i] = math.nan
         e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
-        return COMPLETE if present & 63 == 63 else UNKNOWN
+        return present & 63 == 63
     if now_s - now[0] > SAME_TIME_S:
         for i in range(entries):
             spare[i] = now[i]
@@ -727,7 +725,7 @@ def observe_filter(
             e.nis_dof += innovations[n, 2]
             if innovations[n, 0] < 2.0:
                 e.position_seen = max(e.position_seen, innovations[n, 3])
-    return ESTIMATED
+    return False
 
 
 @cached_njit(error_model="numpy")

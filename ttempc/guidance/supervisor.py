@@ -643,7 +643,7 @@ class Supervisor:
     @property
     def stopping(self) -> bool:
         """Whether the last step stops the vehicle, or holds it at rest."""
-        return bool(self.tick[_STOPPING])
+        return bool(self.tick.view(TICK)[0]["stopping"])
 
     @property
     def solve_time_s(self) -> float:
@@ -727,7 +727,6 @@ class Supervisor:
 
 _NO_ESTIMATE: Final[FloatArray] = np.full(ESTIMATE.itemsize // 8, math.nan)
 _NOTHING: Final = Diagnostics()
-_STOPPING: Final = (TICK.fields or {})["stopping"][1] // 8
 _COMMAND: Final = [item.name for item in fields(Command)]
 _CUTS: Final = {
     CUT_NOT_FINITE: "not finite",
