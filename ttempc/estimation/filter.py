@@ -19,7 +19,6 @@ from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE, FLOAT
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
-    GYROS,
     INITIAL_SD,
     LENGTH,
     SIZE,
@@ -718,7 +717,7 @@ def observe_filter(
         now = spare
         predict_until(parameters, now, commands, h.commands, now_s)
     write_moment(parameters, now, estimate)
-    e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
+    e.time_s = now_s
     for n in range(len(innovations)):
         if innovations[n, 2] > 0.0 and innovations[n, 1] < math.inf:
             e.nis += innovations[n, 1]
@@ -833,7 +832,7 @@ def filter_parameters(
         raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")
     if not 0.0 < gate_probability < 1.0:
         raise InvalidTuning(f"gate_probability: got {gate_probability}, must be in (0, 1)")
-    lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
+    lengths = {sensor: LENGTH.get(sensor, 1) for sensor in Sensor}  # of a gyro, its yaw rate
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
     f["vehicle"] = vehicle_parameters(vehicle)
