@@ -138,18 +138,9 @@ class GaussNewton:
         cost = condense(
             self._errors, self._jacobian, self._weight, self._step_weight, steps, hessian, gradient
         )
-        bounds, repeats = task.bounds, len(steps) // len(task.previous)
-        shift = np.concatenate([task.previous] * repeats)
-        qp = QP(
-            hessian=hessian,
-            gradient=gradient,
-            matrix=self._sums,
-            lower=bounds.lower - shift,
-            upper=bounds.upper - shift,
-            step_lower=bounds.step_lower,
-            step_upper=bounds.step_upper,
-        )
-        return cost, qp
+        limits = task.bounds.limits
+        limits[:, : len(steps)] -= np.tile(task.previous, len(steps) // len(task.previous))
+        return cost, QP(hessian, gradient, self._sums, limits)
 
 
 _M = len(Input)
