@@ -162,11 +162,8 @@ class LengthIdentifier:
     on which horizontal distances are shorter, and tyres that slip sideways, in furrows most.
     """
 
-    def __init__(
-        self, vehicle: Vehicle, noise: SensorNoise, process: ProcessNoise | None = None
-    ) -> None:
-        self._given = vehicle
-        self._noise, self._process = noise, process or ProcessNoise.of(vehicle)
+    def __init__(self, vehicle: Vehicle, noise: SensorNoise) -> None:
+        self._given, self._noise, self._process = vehicle, noise, ProcessNoise.of(vehicle)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""
