@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from ..errors import UnknownSensor
-from ..jit import cached_njit, local
+from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
@@ -109,9 +109,9 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (11,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (15,).
     """
-    e = estimate.view(ESTIMATE)[0]
+    e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_i, rim = x[AugmentedState.DELTA_I], x[AugmentedState.RIM]
     gx, gy = x[AugmentedState.SIDE_X], x[AugmentedState.SIDE_Y]
@@ -181,6 +181,10 @@ class VehicleParameter(IntEnum):
     STEERING_RATE_T = 8
     STEERING_RATE_I = 9
     TRAILER_TURNING_OFFSET = 10
+    DEAD_TIME_T = 11
+    DEAD_TIME_I = 12
+    DEAD_TIME_HP = 13
+    REVERSE = 14  # 1 or 0
 
 
 class SensorIndex(IntEnum):
@@ -197,8 +201,11 @@ class SensorIndex(IntEnum):
 
 
 def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (11,), SI units."""
-    return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (15,), SI units."""
+    return np.array([getattr(vehicle, name) for name in _PARAMETERS], dtype=float)
+
+
+_PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
 
 
 @cached_njit(error_model="numpy")

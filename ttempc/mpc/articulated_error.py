@@ -115,17 +115,17 @@ def error_dynamics(
 
 
 def _slopes(reference: Reference, period_s: float, ticks: int) -> tuple[FloatArray, FloatArray]:
-    """Return dA/dt (N, 16, 16) and dB/dt (N, 16, 3) of `error_dynamics` in the map frame."""
+    """Return the rows of dA/dt (N, 7, 16), dB/dt (N, 7, 3) of `error_dynamics`, map frame."""
     vehicle = reference.vehicle
     middle = reference.at((np.arange(ticks) + 0.5) * period_s)
     gains = map_gains(middle, vehicle)
-    slope_a, slope_b = np.zeros((ticks, _SIZE, _SIZE)), np.zeros((ticks, _SIZE, _M))
+    slope_a, slope_b = np.zeros((ticks, _N, _SIZE)), np.zeros((ticks, _N, _M))
     for k, (state, inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
         by_state, by_input, by_disturbance = articulated_jacobian(state, inputs, vehicle)
-        slope_a[k, :_N, :_N] = by_state
-        slope_a[k, :_N, _N : _N + _D] = -by_disturbance
-        slope_a[k, :_N, _N + _D :] = -by_disturbance @ gains[k]
-        slope_b[k, :_N] = by_input
+        slope_a[k, :, :_N] = by_state
+        slope_a[k, :, _N : _N + _D] = -by_disturbance
+        slope_a[k, :, _N + _D :] = -by_disturbance @ gains[k]
+        slope_b[k] = by_input
     return slope_a, slope_b
 
 
