@@ -255,6 +255,7 @@ def articulated_controller(
         first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
         soft = corridor_bounds(reference.corridor, course.grid, c, first)
     horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft)
+    del a, b, c  # large along a long reference
     law = law_of(kind, course.grid.state, course.feedforward, course.vehicle, **parts)
     return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))
 
