@@ -93,8 +93,9 @@ def kills(folder: Path) -> Iterator[Attack]:
         failure = command(*words, place, codes=(0,))
         return failure or (None if row_bits(place) == expected else "other rows")
 
-    begun = time.monotonic()
-    isolated(partial(command, *words, folder / "alone", codes=(0,)))
+    for place in (folder / "first", folder / "alone"):  # the first loads what all others need
+        begun = time.monotonic()
+        command(*words, place, codes=(0,))
     takes_s, expected = time.monotonic() - begun, row_bits(folder / "alone")
     for k, draw in enumerate(map(random.Random, range(100))):
         yield partial(killed, folder / str(k), draw.uniform(0.0, takes_s))
@@ -103,7 +104,7 @@ def kills(folder: Path) -> Iterator[Attack]:
 def main() -> int:
     """Attack and print a table; return 1 where anything failed."""
     lines, wrong = [], []
-    for attacks in (files, kills):
+    for attacks in (kills, files):
         with tempfile.TemporaryDirectory() as place:
             failures = [isolated(attack) for attack in attacks(Path(place))]
         wrong += filter(None, failures)
