@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..errors import InvalidTuning
-from ..jit import cached_njit
+from ..jit import cached_njit, local
 from ..layout import ESTIMATE, FLOAT
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
@@ -81,9 +81,6 @@ FILTER: Final = np.dtype(
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
         ("keeps_all", "f8"),  # 1: a moment for each time of a sample
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
-        # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
-        # vector instructions, which takes four times as long.
-        ("width", "i8"),
         ("side_per_slope", "f8"),  # side slip on a slope [rad/rad]
     ]
 )
@@ -150,12 +147,15 @@ def predict(
     f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
     vehicle, fading = parameters[:FADING], parameters[FADING : FADING + 2 * (SIZE - STATES)]
     x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
-    transition = np.empty((SIZE, WIDTH))
-    noise = np.empty((_LEVELS, WIDTH))  # half of it
-    upper = np.empty((_LEVELS, STATES, WIDTH))  # the upper rows of Phi P
-    columns = np.zeros((SIZE, 2 * WIDTH))  # their columns, all levels side by side
-    corner, change = np.empty((STATES, 2 * WIDTH)), np.empty((_LEVELS, STATES))
-    middle, fade = np.empty(STATES), np.zeros(WIDTH)
+    transition = local((SIZE, WIDTH))
+    noise = local((_LEVELS, WIDTH))  # half of it
+    upper = local((_LEVELS, STATES, WIDTH))  # the upper rows of Phi P
+    columns = local((SIZE, _CROSS))  # their columns, all levels side by side
+    corner, change = local((STATES, _CROSS)), local((_LEVELS, STATES))
+    middle, fade = local((STATES,)), local((WIDTH,))
+    clear_row(fade, 0)
+    for k in range(2 * SIZE):
+        clear_row(columns, k * WIDTH)
     step_s = span_s / steps
     for _ in range(steps):
         for i in range(STATES):
@@ -290,7 +290,7 @@ def correct(
     gate = f.gates[sensor]
     reading, jacobian = rows[7, 0], rows[0]
     cross, half = rows[1:5], rows[5]  # H P and its derivatives; W'
-    spread = rows[6].reshape((12, _LEVELS))  # H P H' and its derivatives: (0, 0), (1, 0), (1, 1)
+    spread = local((5, _LEVELS))  # H P H' and its derivatives: (0, 0), (1, 0), (1, 1)
     slope = spread[3:5]  # derivatives of the innovation
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
     size = measure(sensor, x, parameters[:FADING], second, reading, jacobian)
@@ -491,7 +491,7 @@ def predict_until(
     The commands are as in `acting`. Where one is not known, that steering or the speed is constant.
     """
     f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
-    command = np.empty(_INPUTS)
+    command = local((_INPUTS,))
     while until_s - now.time_s > SAME_TIME_S:
         end_s = acting(parameters, commands, count, now.time_s, command)
         if end_s >= until_s - SAME_TIME_S:
@@ -547,7 +547,7 @@ def observe_filter(
     faded as if the vehicle had kept its speed, with the variances of a start.
     """
     f, h = parameters.view(FILTER)[0], history.view(HISTORY)[0]
-    width, ring, spare = f.width, len(moments) - 1, moments[len(moments) - 1]
+    ring, spare = len(moments) - 1, moments[len(moments) - 1]
     entries = moments.shape[1]
     earliest, latest = now_s - f.memory_s - SAME_TIME_S, now_s + SAME_TIME_S
 
@@ -584,14 +584,16 @@ def observe_filter(
         commands[h.commands - 1, 1 + j] = command[j]
 
     # Headings of both bodies for the antennas: before the start the line between them
-    yaw = np.zeros(2)
+    yaw = local((2,))
+    yaw[0] = yaw[1] = 0.0
     begin_s = -math.inf
     if h.moments:
         begin_s = moments[h.begin % ring, 0]
         last = moments[(h.begin + h.moments - 1) % ring]
         yaw[0], yaw[1] = last[AUGMENTED + State.PSI_T], last[AUGMENTED + State.PSI_I]
     elif f.heights[0] > 0.0 or f.heights[1] > 0.0:
-        place = np.full((2, 2), math.nan)
+        place = local((2, 2))
+        place[0, 0] = place[0, 1] = place[1, 0] = place[1, 1] = math.nan
         for n in range(h.samples + len(rows)):
             row = samples[n] if n < h.samples else rows[n - h.samples]
             if 0.0 <= row[1] < 2.0 and not math.isnan(row[2] + row[3]):
@@ -660,7 +662,7 @@ def observe_filter(
         while moments[(h.begin + h.moments - 1) % ring, 0] >= since_s:
             h.moments -= 1
         now = moments[(h.begin + h.moments - 1) % ring]
-        workspace, start_s, kept_s = np.empty((8, 2, width)), now[0], now[0]
+        workspace, start_s, kept_s = local((8, 2, WIDTH)), now[0], now[0]
         for k in range(h.samples):
             sample = samples[k]
             if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
@@ -736,8 +738,7 @@ def write_moment(parameters: FloatArray, moment: FloatArray, estimate: FloatArra
     """Write what an `ESTIMATE` has from a `MOMENT`; nothing came in at it."""
     f, now, e = parameters.view(FILTER)[0], moment.view(MOMENT)[0], estimate.view(ESTIMATE)[0]
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
-    covariance = moment[COVARIANCE : COVARIANCE + SIZE * WIDTH].reshape((SIZE, WIDTH))
-    write_estimate(x, covariance, parameters[:FADING], estimate)
+    write_estimate(x, now.covariances[0], parameters[:FADING], estimate)
     for i in range(STATES):
         e.covariance[i, i] += f.unfollowed[i]
     rim = now.augmented[0, AugmentedState.RIM]
@@ -853,7 +854,7 @@ def filter_parameters(
     f["dead_times"], f["memory_s"] = vehicle.dead_times, memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
     f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
-    f["keeps_all"], f["width"] = keeps_all, WIDTH
+    f["keeps_all"] = keeps_all
     f["side_per_slope"] = process.side_per_slope
     return flat
 

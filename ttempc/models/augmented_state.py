@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from ..errors import UnknownSensor
-from ..jit import cached_njit
+from ..jit import cached_njit, local
 from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
@@ -58,6 +58,7 @@ class AugmentedState(IntEnum):
 
 STATES: Final = len(State)
 SIZE: Final = len(AugmentedState)
+_DISTURBANCES: Final = SIZE - STATES
 _OF_MAP: Final = len(MapDisturbance)
 
 DISTURBANCE_BOUND: Final[FloatArray] = np.array(
@@ -355,10 +356,9 @@ def move_augmented_state(
         after = min(max(command[i], valves[i] - reach), valves[i] + reach)
         inputs[i] = 0.5 * (valves[i] + after)
         valves[i] = after
-    stage_x = np.empty(len(x))
-    for i in range(len(x)):
+    stage_x, rates = local((SIZE,)), local((4, STATES))
+    for i in range(SIZE):
         stage_x[i] = middle[i] = x[i]
-    rates = np.empty((4, STATES))
     state_rate(x, inputs, parameters, rates[0])
     for stage in range(3):
         duration = step_s if stage == 2 else 0.5 * step_s
@@ -390,13 +390,14 @@ def advance_augmented_state(
     `transition` (24, 24), contiguous, is the exponential of the Jacobian in the middle of the step.
     `x` may have entries beside.
     """
-    middle, inputs, faded = np.empty(len(x)), np.empty(3), np.empty(SIZE - STATES)
+    middle, inputs, faded = local((SIZE,)), local((3,)), local((_DISTURBANCES,))
     move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
-    jacobian = np.empty((STATES, WIDTH))
+    jacobian = local((STATES, WIDTH))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
     # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
-    previous, diagonal = np.empty((STATES, WIDTH)), np.zeros(WIDTH)
+    previous, diagonal = local((STATES, WIDTH)), local((WIDTH,))
+    clear_row(diagonal, 0)
     for i in range(SIZE):
         clear_row(transition, i * WIDTH)
         transition[i, i] = 1.0
