@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from ..errors import UnknownSensor
-from ..jit import cached_njit, local
+from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
@@ -109,9 +109,9 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (11,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (15,).
     """
-    e = estimate.view(ESTIMATE)[0]
+    e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_i, rim = x[AugmentedState.DELTA_I], x[AugmentedState.RIM]
     gx, gy = x[AugmentedState.SIDE_X], x[AugmentedState.SIDE_Y]
@@ -181,6 +181,10 @@ class VehicleParameter(IntEnum):
     STEERING_RATE_T = 8
     STEERING_RATE_I = 9
     TRAILER_TURNING_OFFSET = 10
+    DEAD_TIME_T = 11
+    DEAD_TIME_I = 12
+    DEAD_TIME_HP = 13
+    REVERSE = 14  # 1 or 0
 
 
 class SensorIndex(IntEnum):
@@ -197,8 +201,11 @@ class SensorIndex(IntEnum):
 
 
 def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (11,), SI units."""
-    return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (15,), SI units."""
+    return np.array([getattr(vehicle, name) for name in _PARAMETERS], dtype=float)
+
+
+_PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
 
 
 @cached_njit(error_model="numpy")
@@ -500,13 +507,9 @@ LENGTH: Final = {
     Sensor.HITCH: 1,
     Sensor.ENCODER: 1,
 }
-"""Entries of a sample of each sensor with a model; estimators ignore the samples of all others."""
+"""Entries of a sample of each sensor with a model, in the order of `SensorIndex`.
 
-KERNEL_INDEX: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in LENGTH}
-"""`SensorIndex` of each of these sensors as a plain number, which numba compiles once."""
-
-GYROS: Final = {s: int(SensorIndex[s.name]) for s in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)}
-"""`SensorIndex` of the sensors whose yaw rate the filter uses where they are there."""
+Estimators ignore the samples of all others, but for the yaw rates of IMUs."""
 
 ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
 """Sensors whose readings are angles, equal modulo a turn."""
@@ -525,7 +528,6 @@ def predicted_measurement(
     if sensor not in LENGTH:
         raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
     reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
-    m = measure(
-        KERNEL_INDEX[sensor], augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian
-    )
+    index = int(SensorIndex[sensor.name])  # a plain number, for which `measure` is compiled
+    m = measure(index, augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian)
     return reading[:m], jacobian[:m]
