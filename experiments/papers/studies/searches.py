@@ -11,7 +11,7 @@ from ...search.quantities import read_subject
 from ...search.worst_case import Report, find_worst_case
 from ...seeds import report_seeds
 from ...sweep.engine import engine
-from ..kayacan.eight_numbers import CONTROLLER
+from ..kayacan import CONTROLLER
 from ..runner import Runner
 from ..study import Study
 from ..tables import markdown
