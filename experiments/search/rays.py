@@ -73,14 +73,18 @@ class Specification:
         if row["status"] != "completed":
             return f"{row['status']}: {row['failure']}"
         for point in _POINTS:
-            largest = row[f"corridor.{point}.max_m"]
-            if isinstance(largest, int | float) and largest > self.corridor_m:
+            largest = _number(row[f"corridor.{point}.max_m"])
+            if largest > self.corridor_m:
                 return f"out of the corridor: {point} {largest:.3f} m from its path"
-        if (row["corridor.hitch_outside_fraction"] or 0.0) > 0.0:
+        if _number(row["corridor.hitch_outside_fraction"]) > 0.0:
             return "hitch angle beyond the limit of the corridor"
         if has_failed(row, self.limit_m):
             return f"95 % cross-track error {working_error(row):.3f} m"
         return ""
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0
 
 
 def ends(space: Space, count: int, seed: int) -> FloatArray:
