@@ -189,7 +189,7 @@ class Guidance:
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
             your own.
         detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
-            your own beside them.
+            your own, which run beside the built-in ones and do not replace them.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -367,11 +367,16 @@ class Guidance:
                 rows (n, 5) of `ttempc.layout.SAMPLE` entries.
 
         Raises:
-            InvalidTime: `time_s` is not finite or before that of the last update.
+            InvalidTime: `time_s` is no finite number or before that of the last update.
+            InvalidSamples: rows of another shape, a sensor that does not exist, what is no number.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
-        rows = measurements if isinstance(measurements, np.ndarray) else sample_rows(measurements)
-        if not math.isfinite(time_s):
+        rows = sample_rows(measurements)
+        try:
+            finite = math.isfinite(time_s)
+        except (OverflowError, TypeError) as error:
+            raise InvalidTime(f"update: time_s: {error}, must be a finite number") from None
+        if not finite:
             raise InvalidTime(f"update: time_s = {time_s}, must be finite")
         if self._origin_s is None:
             self._origin_s = time_s
@@ -390,7 +395,7 @@ class Guidance:
         self._observe(now, usable)
         self._time_s, self._stale = now, 0
         self._alarms = alarms = self._monitors.observe(
-            rows, now, self._sent, self._innovations, self.vehicle, self._seen
+            rows, now, self._sent, self._row, self._innovations, self.vehicle, self._seen
         )
         if alarms.size and alarms[:, 0].max() > Reaction.GO_ON:
             self._learner.forget()
@@ -420,6 +425,20 @@ class Guidance:
         self.tick += 1
         self.reference_tick += not self._supervisor.waits
         return Command(*self._sent.tolist())
+
+    def resume(self) -> None:
+        """Drive on after a stop: an operator has seen that position and vehicle are in order.
+
+        The present estimate is taken for true and a sensor that contradicted it is used again. An
+        alarm whose cause goes on stops the vehicle anew.
+
+        Raises:
+            GuidanceFailed: `update` was not called yet.
+        """
+        if self._origin_s is None:
+            raise GuidanceFailed("resume: call update(time_s, measurements) first")
+        self._monitors.resume(self._row.view(ESTIMATE)[0]["map_disturbance"])
+        self._supervisor.resume()
 
     def _observe(self, now: float, rows: FloatArray) -> None:
         """Run the estimator; a user's gets objects, and its estimate is copied into the record."""

@@ -7,11 +7,10 @@ from typing import Final
 import numpy as np
 
 from ..errors import UnknownSensor
-from ..jit import cached_njit
+from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
-    Estimate,
     FloatArray,
     Input,
     MapDisturbance,
@@ -59,6 +58,7 @@ class AugmentedState(IntEnum):
 
 STATES: Final = len(State)
 SIZE: Final = len(AugmentedState)
+_DISTURBANCES: Final = SIZE - STATES
 _OF_MAP: Final = len(MapDisturbance)
 
 DISTURBANCE_BOUND: Final[FloatArray] = np.array(
@@ -101,14 +101,6 @@ def map_disturbance_gain(
     return math.copysign(1.0, speed) * np.array(gain)
 
 
-def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
-    """Return `map_disturbance_gain` (5, 4) at the state of an estimate."""
-    _, _, psi_t, psi_i, delta_t, _, v = estimate.state.tolist()
-    angle = delta_t + estimate.disturbance[Disturbance.STEERING]
-    yaw_rate = v * math.tan(angle) / vehicle.wheelbase
-    return map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
-
-
 @cached_njit(error_model="numpy")
 def write_estimate(
     x: FloatArray, covariance: FloatArray, parameters: FloatArray, estimate: FloatArray
@@ -117,9 +109,9 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (11,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (15,).
     """
-    e = estimate.view(ESTIMATE)[0]
+    e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_i, rim = x[AugmentedState.DELTA_I], x[AugmentedState.RIM]
     gx, gy = x[AugmentedState.SIDE_X], x[AugmentedState.SIDE_Y]
@@ -189,6 +181,10 @@ class VehicleParameter(IntEnum):
     STEERING_RATE_T = 8
     STEERING_RATE_I = 9
     TRAILER_TURNING_OFFSET = 10
+    DEAD_TIME_T = 11
+    DEAD_TIME_I = 12
+    DEAD_TIME_HP = 13
+    REVERSE = 14  # 1 or 0
 
 
 class SensorIndex(IntEnum):
@@ -205,8 +201,11 @@ class SensorIndex(IntEnum):
 
 
 def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (11,), SI units."""
-    return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (15,), SI units."""
+    return np.array([getattr(vehicle, name) for name in _PARAMETERS], dtype=float)
+
+
+_PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
 
 
 @cached_njit(error_model="numpy")
@@ -364,10 +363,9 @@ def move_augmented_state(
         after = min(max(command[i], valves[i] - reach), valves[i] + reach)
         inputs[i] = 0.5 * (valves[i] + after)
         valves[i] = after
-    stage_x = np.empty(len(x))
-    for i in range(len(x)):
+    stage_x, rates = local((SIZE,)), local((4, STATES))
+    for i in range(SIZE):
         stage_x[i] = middle[i] = x[i]
-    rates = np.empty((4, STATES))
     state_rate(x, inputs, parameters, rates[0])
     for stage in range(3):
         duration = step_s if stage == 2 else 0.5 * step_s
@@ -399,13 +397,14 @@ def advance_augmented_state(
     `transition` (24, 24), contiguous, is the exponential of the Jacobian in the middle of the step.
     `x` may have entries beside.
     """
-    middle, inputs, faded = np.empty(len(x)), np.empty(3), np.empty(SIZE - STATES)
+    middle, inputs, faded = local((SIZE,)), local((3,)), local((_DISTURBANCES,))
     move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
-    jacobian = np.empty((STATES, WIDTH))
+    jacobian = local((STATES, WIDTH))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
     # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
-    previous, diagonal = np.empty((STATES, WIDTH)), np.zeros(WIDTH)
+    previous, diagonal = local((STATES, WIDTH)), local((WIDTH,))
+    clear_row(diagonal, 0)
     for i in range(SIZE):
         clear_row(transition, i * WIDTH)
         transition[i, i] = 1.0
@@ -508,13 +507,9 @@ LENGTH: Final = {
     Sensor.HITCH: 1,
     Sensor.ENCODER: 1,
 }
-"""Entries of a sample of each sensor with a model; estimators ignore the samples of all others."""
+"""Entries of a sample of each sensor with a model, in the order of `SensorIndex`.
 
-KERNEL_INDEX: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in LENGTH}
-"""`SensorIndex` of each of these sensors as a plain number, which numba compiles once."""
-
-GYROS: Final = {s: int(SensorIndex[s.name]) for s in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)}
-"""`SensorIndex` of the sensors whose yaw rate the filter uses where they are there."""
+Estimators ignore the samples of all others, but for the yaw rates of IMUs."""
 
 ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
 """Sensors whose readings are angles, equal modulo a turn."""
@@ -533,7 +528,6 @@ def predicted_measurement(
     if sensor not in LENGTH:
         raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
     reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
-    m = measure(
-        KERNEL_INDEX[sensor], augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian
-    )
+    index = int(SensorIndex[sensor.name])  # a plain number, for which `measure` is compiled
+    m = measure(index, augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian)
     return reading[:m], jacobian[:m]

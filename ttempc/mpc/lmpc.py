@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, NamedTuple, get_args
 
@@ -77,6 +76,25 @@ class StageBounds(NamedTuple):
         """Return the bounds at an index of the arrays."""
         return StageBounds(*(values[index] for values in self))
 
+    @property
+    def limits(self) -> FloatArray:
+        """Return lower and upper bounds on inputs, then on their changes, (N, 2, 2 m)."""
+        lower = np.concatenate([self.lower, self.step_lower], axis=-1)
+        return np.stack([lower, np.concatenate([self.upper, self.step_upper], axis=-1)], axis=-2)
+
+    def clamp(self, inputs: FloatArray) -> FloatArray:
+        """Return the allowed first input nearest to `inputs` (m,), of the bounds of one tick."""
+        first = slice(len(inputs))
+        return np.minimum(np.maximum(inputs, self.lower[first]), self.upper[first])
+
+    def clamp_previous(self, previous: FloatArray) -> FloatArray:
+        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
+
+        From an input beyond them, the QP of the tick is infeasible.
+        """
+        lower, upper, step_lower, step_upper = self.at(slice(len(previous)))
+        return np.minimum(np.maximum(previous, lower - step_upper), upper - step_lower)
+
 
 @dataclass(frozen=True, slots=True)
 class OutputBounds:
@@ -86,35 +104,6 @@ class OutputBounds:
     lower: FloatArray  # (N + 1, r)
     upper: FloatArray  # (N + 1, r)
     first: int = 1  # stage of the horizon from which on they hold
-
-
-@dataclass(frozen=True, slots=True)
-class FirstInputs:
-    """Bounds on the first input of every tick and on the previous one; (ticks, 2, m)."""
-
-    bounds: FloatArray  # lower, upper
-    reach: FloatArray  # lower, upper of the inputs from which a step leads into the bounds
-
-    @classmethod
-    def of(cls, first: StageBounds) -> FirstInputs:
-        """Return them for the bounds on the `first` stage of every tick, (ticks, m)."""
-        return cls(
-            np.stack([first.lower, first.upper], axis=1),
-            np.stack([first.lower - first.step_upper, first.upper - first.step_lower], axis=1),
-        )
-
-    def clamp(self, k: int, inputs: FloatArray) -> FloatArray:
-        """Return the allowed first input of tick `k` nearest to `inputs` (m,)."""
-        lower, upper = self.bounds[k]
-        return np.minimum(np.maximum(inputs, lower), upper)
-
-    def clamp_previous(self, k: int, previous: FloatArray) -> FloatArray:
-        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
-
-        From an input beyond them, the QP of tick `k` is infeasible.
-        """
-        lower, upper = self.reach[k]
-        return np.minimum(np.maximum(previous, lower), upper)
 
 
 class Stages(NamedTuple):
@@ -144,6 +133,7 @@ class Work(NamedTuple):
     limits: FloatArray  # on inputs and steps, less the input held, (2, 2 m Nc)
     active: FloatArray  # see `minimise`, (2 m Nc,)
     steps: FloatArray  # the minimiser (m Nc,)
+    kept: FloatArray  # of a backup plan, see `ttempc.laws`: previous input and steps, (m + m Nc,)
 
     def beside(self) -> Work:
         """Return arrays of which the matrices alone are shared with these."""
@@ -285,6 +275,21 @@ def are_slack(k: int, stages: Stages, work: Work) -> bool:
     return True
 
 
+def plan(k: int, stages: Stages, work: Work, most: int) -> int:
+    """Write the steps of tick `k` for `Work.given`; return the outcome as `minimise`.
+
+    Below 0 `LinearMpc.answer` is to complete them; so it is where a soft bound would be violated.
+    """
+    if work.tick[0] != k and not condense(k, stages, work):
+        return NOT_CONVEX
+    pose(k, stages, work)
+    _, hessian, factor, _, _, _, gradient, limits, active, steps, _ = work
+    outcome = minimise(hessian, factor, gradient, stages.matrix, limits, active, most, steps)
+    if outcome >= 0 and len(stages.soft_rows) and not are_slack(k, stages, work):
+        return UNSOLVED
+    return outcome
+
+
 class CondensedHorizon(Shared):
     """QPs of all ticks along a reference; only the state and the previous input are left open.
 
@@ -299,7 +304,8 @@ class CondensedHorizon(Shared):
     it comes (`condense`).
 
     Args:
-        a: A (N, n, n), with `b` B (N, n, m); entries of z after the r-th are constant.
+        a: A (N, n, n), with `b` B (N, n, m); entries of z after the r-th are constant: the first r
+            rows of both are enough.
         outputs: C (N + 1, p, n), of the entries up to the r-th; without them, the outputs are the
             states.
         bounds: (N, m) each, in addition to those of the tuning.
@@ -322,7 +328,7 @@ class CondensedHorizon(Shared):
         free_bounds: StageBounds | None = None,
         soft: OutputBounds | None = None,
     ) -> None:
-        n, m = b.shape[1:]
+        n, m = a.shape[2], b.shape[2]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
         horizon, moves, p = tuning.horizon, tuning.moves, c.shape[1]
         self.ticks, self.solver, self.horizon = len(a) - horizon + 1, tuning.solver, horizon
@@ -331,17 +337,14 @@ class CondensedHorizon(Shared):
                 f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
                 f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
-        changes = (a != np.eye(n)).any(axis=(0, 2)) | b.any(axis=(0, 2))
+        changes = (a != np.eye(*a.shape[1:])).any(axis=(0, 2)) | b.any(axis=(0, 2))
         r = int(np.flatnonzero(changes).max(initial=0)) + 1
-        limits = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
-        self.first = FirstInputs.of(limits.at(slice(None), slice(m)))
-        lower = np.concatenate([limits.lower, limits.step_lower], axis=1)
-        upper = np.concatenate([limits.upper, limits.step_upper], axis=1)
+        bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
         none = np.zeros((0, 0, r))
         self.stages = Stages(
             model=np.concatenate([a[:, :r], b[:, :r]], axis=2),
             outputs=np.ascontiguousarray(c[..., :r]),
-            limits=np.stack([lower, upper], axis=1),
+            limits=bounds.limits,
             matrix=np.kron(np.tril(np.ones((moves, moves))), np.eye(m)).astype(np.float64),
             output_weight=np.array(tuning.output_weight),
             step_weight=np.array(tuning.step_weight),
@@ -369,29 +372,13 @@ class CondensedHorizon(Shared):
             limits=np.zeros((2, 2 * size)),
             active=np.zeros(2 * size),
             steps=np.zeros(size),
+            kept=np.zeros(len(stages.step_weight) + size),
         )
-
-    def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
-        """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
-        work = self.work()
-        work.given[:] = *state, *previous_input
-        condense(k, self.stages, work)
-        pose(k, self.stages, work)
-        return self.problem(k, work)
 
     def problem(self, k: int, work: Work) -> QP:
-        """Return the QP of tick `k` that `pose` has left in `work`."""
-        size, (lower, upper) = len(work.gradient), work.limits
-        return QP(
-            hessian=work.hessian,
-            gradient=work.gradient,
-            matrix=self.stages.matrix,
-            lower=lower[:size],
-            upper=upper[:size],
-            step_lower=lower[size:],
-            step_upper=upper[size:],
-            soft=self._soft_rows(k, work),
-        )
+        """Return the QP of tick `k` that `plan` has left in `work`."""
+        rows = self._soft_rows(k, work)
+        return QP(work.hessian, work.gradient, self.stages.matrix, work.limits, rows)
 
     def _soft_rows(self, k: int, work: Work) -> SoftRows | None:
         """Return the soft rows of tick `k`, None where no bound of its stages is finite."""
@@ -407,22 +394,6 @@ class CondensedHorizon(Shared):
             upper=np.minimum(limits[:, 1].ravel(), FREE) - offset,
             outputs=rows.shape[1],
         )
-
-    def outputs(self, ticks: Sequence[int] | NDArray[np.intp], plans: FloatArray) -> FloatArray:
-        """Return C z_{k+1} ... C z_{k+Np} at T ticks under their plans, (T, Np, p).
-
-        A plan is z_k, u_{k-1} and the steps, (T, n + m + m Nc).
-        """
-        stages, at = self.stages, np.asarray(ticks)
-        _, r, given = stages.model.shape
-        m, steps = len(stages.step_weight), plans[:, given:]
-        now, result = plans[:, :given].copy(), []
-        for j in range(self.horizon):
-            if m * j < steps.shape[1]:
-                now[:, given - m :] += steps[:, m * j : m * (j + 1)]
-            now[:, :r] = np.einsum("kij,kj->ki", stages.model[at + j], now)
-            result.append(np.einsum("kij,kj->ki", stages.outputs[at + j + 1], now[:, :r]))
-        return np.stack(result, axis=1)
 
 
 def move_bounds(
@@ -454,16 +425,6 @@ def stage_bounds(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class FeedbackAction:
-    """Result of the linear MPC at one tick."""
-
-    input: FloatArray  # u_b = u_e* (m,), eq. (ue); inside its bounds
-    plan: FloatArray  # (n + m + m Nc,) w of `CondensedHorizon`: state, previous input, input steps
-    report: SolverReport
-    fallback: str  # why the input is not the minimiser; empty where it is
-
-
 class LinearMpc:
     """Receding horizon: solve the QP of a tick and apply its first step.
 
@@ -478,28 +439,15 @@ class LinearMpc:
         self.beside = self.work.beside()
         self._solver = PersistentSolver(horizon.solver)
 
-    def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
-        """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
-        work, m = self.work, len(previous)
+    def step(
+        self, k: int, state: FloatArray, previous: FloatArray
+    ) -> tuple[FloatArray, SolverReport]:
+        """Return u_b = u_e* of eq. (ue), inside its bounds, for z_k (n,) and u_{k-1} (m,)."""
+        work, stages, m = self.work, self.horizon.stages, len(previous)
         work.given[:-m], work.given[-m:] = state, previous
-        report, _ = self.answer(k, self.plan(k, work))
-        u = self.horizon.first.clamp(k, work.given[-m:] + work.steps[:m])
-        fallback = "" if report.accepted else f"QP {report.status}: previous feedback held"
-        return FeedbackAction(u, np.concatenate([work.given, work.steps]), report, fallback)
-
-    def plan(self, k: int, work: Work) -> int:
-        """Write the steps of tick `k` for `Work.given`; below 0 `answer` is to complete them."""
-        stages = self.horizon.stages
-        if work.tick[0] != k and not condense(k, stages, work):
-            return NOT_CONVEX
-        pose(k, stages, work)
-        _, hessian, factor, _, _, _, gradient, limits, active, steps = work
-        outcome = minimise(
-            hessian, factor, gradient, stages.matrix, limits, active, self.most, steps
-        )
-        if outcome >= 0 and len(stages.soft_rows) and not are_slack(k, stages, work):
-            return UNSOLVED
-        return outcome
+        report, _ = self.answer(k, plan(k, stages, work, self.most))
+        lower, upper = stages.limits[k, :, :m]
+        return np.minimum(np.maximum(work.given[-m:] + work.steps[:m], lower), upper), report
 
     def answer(self, k: int, outcome: int) -> tuple[SolverReport, FloatArray | None]:
         """Complete `Work.steps` after the `outcome` of `plan`: by the solver, or with zeros.
@@ -524,4 +472,4 @@ class LinearMpc:
     def prepare(self, k: int) -> None:
         """Condense tick `k` and plan it for the data of the last step, to fill the caches."""
         self.beside.given[:] = self.work.given
-        self.plan(k, self.beside)
+        plan(k, self.horizon.stages, self.beside, self.most)
