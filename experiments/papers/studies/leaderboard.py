@@ -65,7 +65,7 @@ SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc", "nmpc-rti", "lqr", "pid")
 """Controllers on which the trials' power to separate is measured, and their weights fitted."""
 
 _SEPARATED: Final = 3.0  # |t| of a paired difference of costs
-_FIT_SEEDS: Final = (*TUNING[:20],)
+_FIT_SEEDS: Final = (*TUNING[:10],)
 
 HEADLINE: Final = ("ttempc", "pid", "lqr", "nmpc-rti")
 _ABOUT: Final = {
