@@ -46,9 +46,9 @@ CARDS: Final = "field-trials"
 SHIPPED: Final = (
     ("ttempc",),
     ("ttempc", "controller.options.tightening=none"),
+    ("ttempc", "controller.options.robust=false"),
     ("ttempc", "controller.learn=false"),
     ("ttempc-nominal",),
-    ("ttempc-tube",),
     ("pid",),
     ("lqr",),
     ("nmpc",),
