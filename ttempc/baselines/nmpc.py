@@ -17,7 +17,7 @@ from ..errors import check_choice, check_count
 from ..laws.articulated_mpc import MpcOptions
 from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 from ..mpc.articulated_error import PredictedPath, map_gains, remaining_bounds, split_disturbance
-from ..mpc.lmpc import QP, FirstInputs, HorizonTuning, Solver, StageBounds, move_bounds
+from ..mpc.lmpc import QP, FirstInputs, Solver, StageBounds, move_bounds
 from ..mpc.qp import PersistentSolver
 from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State
@@ -72,7 +72,7 @@ class GaussNewton:
         self,
         reference: Reference,
         subsystem: Subsystem,
-        tuning: HorizonTuning,
+        tuning: MpcOptions,
         period_s: float,
         iterations: int = ITERATIONS,
         model: ArticulatedModel | None = None,  # or one of its shape
@@ -83,6 +83,7 @@ class GaussNewton:
         self._preparing_qp = PersistentSolver(tuning.solver)
         self._iterations = iterations
         self._last: tuple[Task, FloatArray] | None = None
+        self._damping = tuning.damping_s / period_s
         own, moves = list(subsystem.inputs), tuning.moves
         self._weight = np.array([tuning.output_weight[i] for i in subsystem.outputs])  # (p,)
         self._step_weight = np.tile([tuning.step_weight[i] for i in own], moves)  # (m Nc,)
@@ -131,13 +132,22 @@ class GaussNewton:
         fallback = f"not converged in {self._iterations} iterations: last plan driven"
         return Plan(solution.x, errors, report, fallback if missed else "")
 
+    def _damped(self, outputs: FloatArray) -> FloatArray:
+        """Return y + tau y' in the place of the cross-track errors y (Np, p, ...)."""
+        if not self._damping:
+            return outputs
+        result, across = outputs.copy(), outputs[:, 1::2]
+        rate = self._damping * np.diff(across, axis=0)
+        result[:-1, 1::2] += rate
+        result[-1, 1::2] += rate[-1]
+        return result
+
     def _linearise(self, task: Task, steps: FloatArray) -> tuple[float, QP]:
         """Return the cost under `steps` (m Nc,), and the QP that is linearised there."""
         self._model.evaluate(task, steps, self._errors, self._jacobian)
         gradient, hessian = np.empty_like(steps), np.empty_like(self._sums)
-        cost = condense(
-            self._errors, self._jacobian, self._weight, self._step_weight, steps, hessian, gradient
-        )
+        weighted = self._damped(self._errors), self._damped(self._jacobian)
+        cost = condense(*weighted, self._weight, self._step_weight, steps, hessian, gradient)
         bounds, repeats = task.bounds, len(steps) // len(task.previous)
         shift = np.concatenate([task.previous] * repeats)
         qp = QP(
@@ -195,7 +205,7 @@ class NonlinearFeedback(FeedbackLaw):
         reference: Reference,
         feedforward: FloatArray,
         period_s: float,
-        tuning: HorizonTuning,
+        tuning: MpcOptions,
         subsystems: Sequence[Subsystem],
         *,
         exchange: bool,

@@ -6,10 +6,11 @@ from typing import ClassVar, Final, Self
 
 import numpy as np
 
-from ..errors import check_choice, check_flag
+from ..errors import check_choice, check_flag, check_positive
 from ..mpc.articulated_error import (
     PredictedPath,
     corridor_bounds,
+    damped,
     error_dynamics,
     remaining_bounds,
 )
@@ -49,6 +50,13 @@ class MpcOptions(HorizonTuning):
     step_weight: tuple[float, ...] = (0.3, 0.1, 0.1)
     # [rad], [rad], fraction
     input_bound: tuple[float, ...] = (math.radians(20.0), math.radians(20.0), 0.5)
+
+    # tau of y + tau y' in the place of the cross-track errors y in the cost [s]
+    damping_s: float = 0.6
+
+    def __post_init__(self) -> None:
+        HorizonTuning.__post_init__(self)
+        check_positive("damping_s", self.damping_s, zero=True)
 
     def for_vehicle(self, vehicle: Vehicle, speed_mps: float, period_s: float) -> Self:
         """Return the options for a vehicle, the largest speed of its reference and a period.
@@ -167,7 +175,8 @@ def articulated_law(
         first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
         soft = corridor_bounds(reference.corridor, grid, c, first)
     of_plan = tube.bounds if tube else None
-    horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft)
+    weighted = damped(a, c, period_s, options.damping_s)
+    horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft, weighted)
     law = law_of(kind, grid.state, feedforward, reference.vehicle, **parts)
     return ArticulatedLaw(law, horizon, PredictedPath(grid))
 

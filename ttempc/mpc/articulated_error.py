@@ -186,6 +186,22 @@ def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBou
 _ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and trailer point
 
 
+def damped(
+    a: FloatArray, outputs: FloatArray, period_s: float, damping_s: float
+) -> FloatArray:
+    """Return the outputs C (N + 1, 4, n) with y + tau y' for the cross-track errors y.
+
+    tau is `damping_s`. Over a period without inputs y' = (C_{k+1} A_k - C_k) z / T; an input acts
+    on it through the states alone. A cost of these outputs has its minimum on the approach
+    y' = -y / tau, which crosses no line.
+    """
+    result = outputs.copy()
+    rate = (outputs[1:, _ACROSS] @ a[: len(outputs) - 1] - outputs[:-1, _ACROSS]) / period_s
+    result[:-1, _ACROSS] += damping_s * rate
+    result[-1, _ACROSS] += damping_s * rate[-1]
+    return result
+
+
 def corridor_bounds(
     corridor: Corridor, grid: ReferenceSample, outputs: FloatArray, first: int
 ) -> OutputBounds:

@@ -129,6 +129,7 @@ class Stages(NamedTuple):
     soft_rows: FloatArray  # S (N + 1, s, r) of the soft bounds; (0, 0, r) without them
     soft_limits: FloatArray  # (N + 1, 2, s)
     soft_first: int  # stage from which on they hold
+    weighted: FloatArray  # rows of the cost (N + 1, p, n): C, or others in its place
 
 
 class Work(NamedTuple):
@@ -159,7 +160,7 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
     horizon, r, size = work.response.shape
     model, outputs, weights, costs = (
         stages.model,
-        stages.outputs,
+        stages.weighted,
         stages.output_weight,
         stages.step_weight,
     )
@@ -214,7 +215,7 @@ def pose(k: int, stages: Stages, work: Work) -> None:
     horizon, r, size = work.response.shape
     model, outputs, limits, weights = (
         stages.model,
-        stages.outputs,
+        stages.weighted,
         stages.limits,
         stages.output_weight,
     )
@@ -246,6 +247,8 @@ def pose(k: int, stages: Stages, work: Work) -> None:
             error = 0.0
             for i in range(r):
                 error += outputs[k + j + 1, p, i] * free[j + 1, i]
+            for i in range(r, n):
+                error += outputs[k + j + 1, p, i] * given[i]
             error *= 2.0 * weights[p]
             for i in range(r):
                 ahead[i] += error * outputs[k + j + 1, p, i]
@@ -305,6 +308,7 @@ class CondensedHorizon(Shared):
         bounds: (N, m) each, in addition to those of the tuning.
         free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
             the tuning and `bounds`.
+        weighted: what the cost weighs in the place of the outputs, (N + 1, p, n).
         soft: bounds on outputs of the states z_{k+1} ... z_{k+Np}, kept as far as possible.
 
     Raises:
@@ -321,6 +325,7 @@ class CondensedHorizon(Shared):
         bounds: StageBounds | None = None,
         free_bounds: StageBounds | None = None,
         soft: OutputBounds | None = None,
+        weighted: FloatArray | None = None,
     ) -> None:
         n, m = b.shape[1:]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
@@ -348,6 +353,7 @@ class CondensedHorizon(Shared):
             soft_rows=np.ascontiguousarray(soft.rows[..., :r]) if soft else none,
             soft_limits=np.stack([soft.lower, soft.upper], axis=1) if soft else none,
             soft_first=min(soft.first, horizon) if soft else 0,
+            weighted=np.ascontiguousarray(c if weighted is None else weighted),
         )
         work = self.work()
         finite = np.isfinite(self.stages.model).all() and np.isfinite(c).all()
