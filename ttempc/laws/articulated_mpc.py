@@ -12,6 +12,7 @@ from ..mpc.articulated_error import (
     corridor_bounds,
     damped,
     error_dynamics,
+    hitch_bounds,
     remaining_bounds,
 )
 from ..mpc.lmpc import CondensedHorizon, HorizonTuning
@@ -89,6 +90,7 @@ class NominalOptions(MpcOptions):
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
     corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
+    hitch_limit_deg: float = 45.0  # largest |beta| of plans; that of the corridor where less
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
     # Half widths that tractor and trailer keep about the path: h_0, and h_1 by which they grow with
     # the speed. Whoever plans the reference drives a corridor as slowly as they ask, see
@@ -107,6 +109,7 @@ class NominalOptions(MpcOptions):
         MpcOptions.__post_init__(self)
         check_flag("disturbances", self.disturbances)
         check_flag("corridor", self.corridor)
+        check_positive("hitch_limit_deg", self.hitch_limit_deg)
         check_choice("guided", self.guided, GUIDED)
         SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
 
@@ -152,7 +155,7 @@ def articulated_law(
     """
     a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
     bounds = remaining_bounds(feedforward, CommandLimits.of(reference.vehicle, period_s))
-    kind, tube, soft = NOMINAL, None, None
+    kind, tube = NOMINAL, None
     parts: dict[str, FloatArray | float] = {"disturbances": float(options.disturbances)}
     if robust:
         kind = ONE_STEP if robust.nominal == "one-step" else TUBE_READING
@@ -171,9 +174,17 @@ def articulated_law(
         width = design.disturbance.support(flat) + design.estimate_error.support(flat)
         faces = np.ascontiguousarray(design.disturbance.faces)[None]
         parts |= {"faces": faces, "rows": rows, "half_widths": width.reshape(rows.shape[:2])}
+    spread, limit = np.zeros(tuning.horizon + 1), math.radians(options.hitch_limit_deg)
+    if tube:
+        spread[:-1], spread[-1] = tube.hitch, tube.hitch[-1]
+    soft = None
     if reference.corridor and options.corridor:
         first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
-        soft = corridor_bounds(reference.corridor, grid, c, first)
+        soft = corridor_bounds(reference.corridor, grid, c, first, tuning.horizon)
+        if reference.corridor.hitch_limit is not None:
+            reference.corridor.require_hitch(grid.hitch_angle)
+            limit = min(limit, reference.corridor.hitch_limit)
+    soft = hitch_bounds(grid, limit, spread).beside(soft)
     of_plan = tube.bounds if tube else None
     weighted = damped(a, c, period_s, options.damping_s)
     horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft, weighted)

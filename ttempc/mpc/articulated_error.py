@@ -15,6 +15,7 @@ from ..reference.reference import Reference, ReferenceSample
 from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Shared, State
 from ..vehicle import CommandLimits, Vehicle
 from .lmpc import OutputBounds, StageBounds, Work
+from .qp import PENALTY
 
 
 def rotation(angle: FloatArray) -> FloatArray:
@@ -202,41 +203,56 @@ def damped(
     return result
 
 
+HITCH: Final = np.eye(_N)[State.PSI_T] - np.eye(_N)[State.PSI_I] - np.eye(_N)[State.DELTA_I]
+"""Row from the error z_e to that of the hitch angle, beta = psi_t - psi_i - delta_i."""
+_HITCH_PENALTY: Final = 1000.0  # of a hitch angle beyond its bound [1/rad]; assumed
+_ROOM: Final = math.radians(3.0)  # beyond the reference that a bound leaves at least; assumed
+
+
 def corridor_bounds(
-    corridor: Corridor, grid: ReferenceSample, outputs: FloatArray, first: int
+    corridor: Corridor, grid: ReferenceSample, outputs: FloatArray, first: int, horizon: int
 ) -> OutputBounds:
     """Return the bounds on the predicted error that keep the vehicle in its corridor.
 
-    The rows are the cross-track errors of tractor and trailer point, that of the tool point where
-    there is one, and the error of the hitch angle where it is limited. With a tool l behind the
-    trailer point and beta = psi_t - psi_i - delta_i, they are to first order
+    The rows are the cross-track errors of tractor and trailer point, and that of the tool point
+    where there is one. With a tool l behind the trailer point it is to first order
 
-        y_tool = y_i - l psi_i,    beta_e = psi_t - psi_i - delta_i    of the error z_e,
+        y_tool = y_i - l psi_i    of the error z_e.
 
-    and |beta_r - beta_e| is at most the limit. Errors are those to the reference of the same time:
-    on a curve the vehicle has to be near it along the path, too.
+    Errors are those to the reference of the same time: on a curve the vehicle has to be near it
+    along the path, too.
 
     `outputs` are C (N + 1, 4, n) of `error_dynamics`; the bounds hold from the stage `first` on.
-
-    Raises:
-        InvalidTuning: the reference itself is beyond the limit of the hitch angle, with numbers.
     """
-    ticks, _, n = outputs.shape
-    corridor.require_hitch(grid.hitch_angle)
+    n = outputs.shape[2]
     half_width = corridor.half_width(grid.distance_m)
     rows = [outputs[:, row] for row in _ACROSS]
-    upper = [half_width, half_width]
     if corridor.tool_behind_m is not None:
         behind = np.zeros(n)
         behind[State.PSI_I] = corridor.tool_behind_m
         rows.append(rows[1] - behind)
-        upper.append(half_width)
-    lower = [-bound for bound in upper]
-    if corridor.hitch_limit is not None:
-        beta, limit = grid.hitch_angle, corridor.hitch_limit
-        hitch = np.zeros((ticks, n))
-        hitch[:, [State.PSI_T, State.PSI_I, State.DELTA_I]] = 1.0, -1.0, -1.0
-        rows.append(hitch)
-        lower.append(beta - limit)
-        upper.append(beta + limit)
-    return OutputBounds(np.stack(rows, 1), np.stack(lower, 1), np.stack(upper, 1), first)
+    upper = np.tile(half_width[:, None], (1, len(rows)))
+    spread = np.zeros((horizon + 1, len(rows)))
+    spread[:first] = -np.inf
+    return OutputBounds(np.stack(rows, 1), -upper, upper, spread, np.full(len(rows), PENALTY))
+
+
+def hitch_bounds(
+    grid: ReferenceSample, limit: float, spread: FloatArray, size: int = _SIZE
+) -> OutputBounds:
+    """Return the bounds that keep the true hitch angle within `limit` [rad] over the horizon.
+
+    `spread` (Np + 1,) [rad] is by how much the true angle may deviate at stage j from that of the
+    linear plan. The model takes lambda for sin lambda, which changes the angle by `limit` - sin
+    `limit` at most while it is within the limit and the vehicle drives forwards, where the trailer
+    follows; that is taken off as well. Where the reference itself comes closer than 3 deg to the
+    bound, the bound gives way to that distance.
+    """
+    beta, stages = grid.hitch_angle, len(spread)
+    rows = np.zeros((len(beta), 1, size))
+    rows[:, 0, :_N] = HITCH
+    room = np.maximum(limit - (limit - math.sin(limit)), np.abs(beta) + _ROOM + spread.max())
+    lower, upper = (beta - room)[:, None], (beta + room)[:, None]
+    return OutputBounds(
+        rows, lower, upper, spread.reshape(stages, 1), np.full(1, _HITCH_PENALTY)
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, Final, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -80,12 +80,23 @@ class StageBounds(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class OutputBounds:
-    """Bounds lower <= S z <= upper on r outputs of the state at N + 1 ticks; infinite: free."""
+    """Bounds on r outputs of the state at N + 1 ticks; infinite: free.
+
+    At stage j of a horizon, lower + spread_j <= S z <= upper - spread_j.
+    """
 
     rows: FloatArray  # S (N + 1, r, n)
     lower: FloatArray  # (N + 1, r)
     upper: FloatArray  # (N + 1, r)
-    first: int = 1  # stage of the horizon from which on they hold
+    spread: FloatArray  # (Np + 1, r)
+    penalty: FloatArray  # of a violation, see `PENALTY`, (r,)
+
+    def beside(self, other: "OutputBounds | None") -> "OutputBounds":
+        """Return these bounds and those of `other`."""
+        if other is None:
+            return self
+        pairs = ((getattr(self, item.name), getattr(other, item.name)) for item in fields(self))
+        return OutputBounds(*(np.concatenate(pair, axis=min(pair[0].ndim - 1, 1)) for pair in pairs))
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +139,8 @@ class Stages(NamedTuple):
     step_weight: FloatArray  # (m,)
     soft_rows: FloatArray  # S (N + 1, s, r) of the soft bounds; (0, 0, r) without them
     soft_limits: FloatArray  # (N + 1, 2, s)
-    soft_first: int  # stage from which on they hold
+    soft_spread: FloatArray  # taken off them at each stage, (Np + 1, s)
+    soft_penalty: FloatArray  # (s,)
     weighted: FloatArray  # rows of the cost (N + 1, p, n): C, or others in its place
 
 
@@ -273,17 +285,23 @@ def pose(k: int, stages: Stages, work: Work) -> None:
 def are_slack(k: int, stages: Stages, work: Work) -> bool:
     """Whether the steps of tick `k` keep to all soft bounds."""
     horizon, r, size = work.response.shape
-    rows, limits, state = stages.soft_rows, stages.soft_limits, np.empty(r)
-    for j in range(stages.soft_first, horizon + 1):
+    rows, limits, spread = stages.soft_rows, stages.soft_limits, stages.soft_spread
+    state = np.empty(r)
+    for j in range(1, horizon + 1):
         for i in range(r):
-            state[i] = work.free[j, i]
-            for a in range(size):
-                state[i] += work.response[j - 1, i, a] * work.steps[a]
+            state[i] = math.nan
         for p in range(rows.shape[1]):
             value = 0.0
             for i in range(r):
+                if rows[k + j, p, i] == 0.0:
+                    continue
+                if math.isnan(state[i]):
+                    state[i] = work.free[j, i]
+                    for a in range(size):
+                        state[i] += work.response[j - 1, i, a] * work.steps[a]
                 value += rows[k + j, p, i] * state[i]
-            if not limits[k + j, 0, p] - HOLDS <= value <= limits[k + j, 1, p] + HOLDS:
+            low, high = limits[k + j, 0, p] + spread[j, p], limits[k + j, 1, p] - spread[j, p]
+            if not low - HOLDS <= value <= high + HOLDS:
                 return False
     return True
 
@@ -352,7 +370,8 @@ class CondensedHorizon(Shared):
             step_weight=np.array(tuning.step_weight),
             soft_rows=np.ascontiguousarray(soft.rows[..., :r]) if soft else none,
             soft_limits=np.stack([soft.lower, soft.upper], axis=1) if soft else none,
-            soft_first=min(soft.first, horizon) if soft else 0,
+            soft_spread=soft.spread if soft else none[0],
+            soft_penalty=soft.penalty if soft else none[0, 0],
             weighted=np.ascontiguousarray(c if weighted is None else weighted),
         )
         work = self.work()
@@ -401,17 +420,16 @@ class CondensedHorizon(Shared):
 
     def _soft_rows(self, k: int, work: Work) -> SoftRows | None:
         """Return the soft rows of tick `k`, None where no bound of its stages is finite."""
-        first = self.stages.soft_first
-        ahead = slice(k + first, k + 1 + self.horizon)
+        ahead = slice(k + 1, k + 1 + self.horizon)
         rows, limits = self.stages.soft_rows[ahead], self.stages.soft_limits[ahead]
         if not np.isfinite(limits).any():
             return None
-        offset = (rows @ work.free[first:, :, None]).ravel()
+        spread, offset = self.stages.soft_spread[1:], (rows @ work.free[1:, :, None]).ravel()
         return SoftRows(
-            matrix=(rows @ work.response[first - 1 :]).reshape(len(offset), -1),
-            lower=np.maximum(limits[:, 0].ravel(), -FREE) - offset,
-            upper=np.minimum(limits[:, 1].ravel(), FREE) - offset,
-            outputs=rows.shape[1],
+            matrix=(rows @ work.response).reshape(len(offset), -1),
+            lower=np.maximum((limits[:, 0] + spread).ravel(), -FREE) - offset,
+            upper=np.minimum((limits[:, 1] - spread).ravel(), FREE) - offset,
+            penalty=self.stages.soft_penalty,
         )
 
     def outputs(self, ticks: Sequence[int] | NDArray[np.intp], plans: FloatArray) -> FloatArray:

@@ -35,7 +35,7 @@ class SoftRows:
     matrix: FloatArray  # G (Np r, n)
     lower: FloatArray  # (Np r,)
     upper: FloatArray  # (Np r,)
-    outputs: int  # r
+    penalty: FloatArray  # of the slack of each output, see `PENALTY`, (r,)
 
     def hold(self, x: FloatArray) -> bool:
         """Whether all constraints hold at `x` (n,) without a slack."""
@@ -65,13 +65,13 @@ class QP:
         soft = self.soft
         if soft is None:
             return self
-        n, r = len(self.gradient), soft.outputs
-        hessian = PENALTY * np.eye(n + r)
+        n, r = len(self.gradient), len(soft.penalty)
+        hessian = np.diag(np.concatenate([np.zeros(n), soft.penalty]))
         hessian[:n, :n] = self.hessian
         slack = np.tile(np.eye(r), (len(soft.lower) // r, 1))  # to the rows, (Np r, r)
         return QP(
             hessian=hessian,
-            gradient=np.concatenate([self.gradient, np.full(r, PENALTY)]),
+            gradient=np.concatenate([self.gradient, soft.penalty]),
             matrix=np.block(
                 [
                     [self.matrix, np.zeros((len(self.matrix), r))],
