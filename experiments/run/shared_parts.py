@@ -1,5 +1,6 @@
 """Parts of a run that later runs of the same process can use again."""
 
+import copy
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import partial
@@ -88,4 +89,4 @@ class SharedParts:
             return make()  # of a long run a copy would take 100 MB more
         # The reference follows from path and vehicle; of the settings, options have no hash.
         key = scenario.path, reference.corridor, given, period_s, repr(settings)
-        return self.controllers.get(key, make).fresh()
+        return copy.deepcopy(self.controllers.get(key, make))

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import check_choice, check_positive, check_vector
-from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
+from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..models.linear import riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
-from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
+from ..reference.reference import GUIDED, Guided, Reference, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
@@ -73,29 +73,21 @@ class LqrFeedback(FeedbackLaw):
     The previous input is the one that was sent, so that what the limits cut off does not wind up.
     """
 
-    def __init__(
-        self,
-        grid: ReferenceSample,
-        reference: Reference,
-        feedforward: FloatArray,
-        period_s: float,
-        options: LqrOptions,
-    ) -> None:
-        a, b, c = error_dynamics(reference, period_s, len(feedforward))
+    def __init__(self, course: ExactCourse, options: LqrOptions) -> None:
+        a, b, c = error_dynamics(course.reference, course.period_s, len(course.feedforward))
         weights = np.array(options.output_weight), np.array(options.step_weight)
         self._gains = step_gains(a, b, c, *weights)  # (N, 3, 19)
         heading = self._gains[:, 0, State.PSI_T] + self._gains[:, 0, State.PSI_I]
         slope = np.abs(heading / self._gains[:, 0, State.Y])
         self._capture = math.radians(options.capture_deg) * slope  # (N,) [m]
-        self._feedforward = feedforward
-        self._state = grid.state
-        self._vehicle = reference.vehicle
+        self._course = course
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        state = error_state(self._state[k], estimate, self._vehicle)
+        course = self._course
+        state = error_state(course.grid.state[k], estimate, course.vehicle)
         limit = self._capture[k]
         state[State.Y] = min(max(state[State.Y], -limit), limit)
-        previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
+        previous = course.feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         u_e = previous - self._gains[k] @ np.concatenate([state, previous])
         return Diagnostics(feedback=-u_e, robust=np.zeros(_M))
 
@@ -104,10 +96,6 @@ def lqr_controller(
     vehicle: Vehicle, reference: Reference, period_s: float, options: LqrOptions = LqrOptions()
 ) -> TrackingController:
     """Compose the exact feedforward and the LQR of the articulated error model."""
-    reference = guided(reference, options.guided)
-
-    def law(grid: ReferenceSample, feedforward: FloatArray) -> LqrFeedback:
-        return LqrFeedback(grid, reference, feedforward, period_s, options)
-
     beyond = math.ceil(_BEYOND_S / period_s)
-    return around_exact_feedforward(vehicle, reference, period_s, beyond, law)
+    course = ExactCourse(guided(reference, options.guided), period_s, beyond)
+    return course.controller(LqrFeedback(course, options))

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from ..errors import check_choice, check_count
 from ..laws.articulated_mpc import MpcOptions
-from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
-from ..mpc.articulated_error import PredictedPath, map_gains, remaining_bounds, split_disturbance
-from ..mpc.lmpc import QP, FirstInputs, Solver, StageBounds, move_bounds
+from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
+from ..mpc.articulated_error import PredictedPath, error_state, map_gains, remaining_bounds
+from ..mpc.lmpc import QP, Solver, StageBounds, move_bounds
 from ..mpc.qp import PersistentSolver
-from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
+from ..reference.reference import GUIDED, Guided, Reference, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State
-from ..vehicle import CommandLimits, Vehicle
+from ..vehicle import Vehicle
 from .nmpc_model import (
     TRACTOR,
     TRAILER,
@@ -163,6 +163,7 @@ class GaussNewton:
 
 
 _M = len(Input)
+_BODY_FIXED, _MAP_FIXED = slice(7, 12), slice(12, 16)  # disturbances in `error_state`
 
 
 @dataclass(frozen=True)
@@ -201,35 +202,29 @@ class NonlinearFeedback(FeedbackLaw):
 
     def __init__(
         self,
-        grid: ReferenceSample,
-        reference: Reference,
-        feedforward: FloatArray,
-        period_s: float,
+        course: ExactCourse,
         tuning: MpcOptions,
         subsystems: Sequence[Subsystem],
         *,
         exchange: bool,
         iterations: int,
     ) -> None:
-        self._tuning = tuning
-        self._exchange = exchange
-        self._feedforward = feedforward
+        self._course, self._tuning, self._exchange = course, tuning, exchange
+        grid, reference, period_s = course.grid, course.reference, course.period_s
         self._poses = np.hstack(
             [grid.state[:, :3], grid.trailer_xy, grid.state[:, State.PSI_I, None]]
         )  # (N + 1, 6)
-        self._vehicle = reference.vehicle
-        middle = reference.at((np.arange(len(feedforward)) + 0.5) * period_s)
-        self._map_gains = map_gains(middle, reference.vehicle)  # (N, 5, 4)
-        limits = CommandLimits.of(reference.vehicle, period_s)
-        remaining = remaining_bounds(feedforward, limits)
-        bounds = move_bounds(tuning, period_s, len(feedforward), remaining)
+        ticks = len(course.feedforward)
+        middle = reference.at((np.arange(ticks) + 0.5) * period_s)
+        self._map_gains = map_gains(middle, course.vehicle)  # (N, 5, 4)
+        remaining = remaining_bounds(course.feedforward, course.limits)
+        bounds = move_bounds(tuning, period_s, ticks, remaining)
         self._parts = [
             _Part(
                 np.array(subsystem.inputs),
                 np.array(subsystem.outputs),
                 GaussNewton(reference, subsystem, tuning, period_s, iterations),
                 bounds.at(slice(None), _columns(subsystem, tuning.moves)),
-                FirstInputs.of(bounds.at(slice(None), np.array(subsystem.inputs))),
             )
             for subsystem in subsystems
         ]
@@ -242,38 +237,39 @@ class NonlinearFeedback(FeedbackLaw):
             self._steps = previous._steps
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        horizon, moves = self._tuning.horizon, self._tuning.moves
-        feedforward = self._feedforward[k : k + horizon]
+        horizon, moves, course = self._tuning.horizon, self._tuning.moves, self._course
+        feedforward = course.feedforward[k : k + horizon]
         ends = slice(k + 1, k + 1 + horizon)
-        previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
+        previous = course.feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         guess = np.vstack([self._steps[1:], np.zeros(_M)])
         if self._exchange:
             planned = previous + np.cumsum(guess, axis=0)  # (Nc, 3)
             inputs_e = planned[np.minimum(np.arange(horizon), moves - 1)]
         else:
             inputs_e = feedforward - sent  # u = u_r - u_e stays as it is
-        body_fixed, map_fixed = split_disturbance(estimate, self._vehicle)
-        disturbance = body_fixed + self._map_gains[k : k + horizon] @ map_fixed  # (Np, 5)
+        error = error_state(course.grid.state[k], estimate, course.vehicle)
+        map_fixed = self._map_gains[k : k + horizon] @ error[_MAP_FIXED]
+        disturbance = error[_BODY_FIXED] + map_fixed  # (Np, 5)
         feedback, steps = previous.copy(), np.zeros_like(guess)
         errors = np.zeros((horizon, 4))
         plans = []
         for part in self._parts:
-            own = part.inputs
+            own, bounds = part.inputs, part.bounds.at(k)
             task = Task(
                 state=estimate.state,
                 disturbance=disturbance,
                 poses=self._poses[ends],
                 feedforward=feedforward,
                 inputs_e=inputs_e,
-                previous=part.first.clamp_previous(k, previous[own]),
-                bounds=part.bounds.at(k),
+                previous=bounds.clamp_previous(previous[own]),
+                bounds=bounds,
             )
             plan = part.solver.minimise(task, guess[:, own].reshape(-1))
             plans.append(plan)
             errors[:, part.outputs] = plan.errors
             if plan.steps is not None:
                 steps[:, own] = plan.steps.reshape(moves, -1)
-            feedback[own] = part.first.clamp(k, task.previous + steps[0, own])
+            feedback[own] = bounds.clamp(task.previous + steps[0, own])
         self._steps = steps
         return Diagnostics(
             feedback=-feedback,
@@ -296,7 +292,6 @@ class _Part:
     outputs: NDArray[np.intp]
     solver: GaussNewton
     bounds: StageBounds  # of its own inputs at every tick, (ticks, m Nc)
-    first: FirstInputs
 
 
 def _columns(subsystem: Subsystem, moves: int) -> NDArray[np.intp]:
@@ -337,19 +332,9 @@ def nmpc_controller(
     iterations = getattr(options, "iterations", 1)
     tuning = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
 
-    def law(grid: ReferenceSample, feedforward: FloatArray) -> NonlinearFeedback:
-        return NonlinearFeedback(
-            grid,
-            reference,
-            feedforward,
-            period_s,
-            tuning,
-            subsystems,
-            exchange=exchange,
-            iterations=iterations,
-        )
-
-    return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)
+    course = ExactCourse(reference, period_s, tuning.horizon)
+    law = NonlinearFeedback(course, tuning, subsystems, exchange=exchange, iterations=iterations)
+    return course.controller(law)
 
 
 nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))

@@ -7,7 +7,7 @@ from typing import Literal, get_args, get_type_hints
 import numpy as np
 
 from ..errors import check_choice, check_flag, check_vector
-from ..laws.lq_robust_law import Reading
+from ..laws.articulated_mpc import Reading
 from ..laws.tracking_controller import FeedbackLaw, TrackingController
 from ..models.kinematics import POSITIONS, Error, estimated_error
 from ..models.linear import zero_order_hold
@@ -216,7 +216,8 @@ class PaperFeedback(FeedbackLaw):
         if options.robust:
             self._robust = RobustLaw(options, options.robust_sign, period_s)
         self._to_vehicle = np.array([1.0, 1.0, 1.0 / options.hp_full_scale])
-        self._path, self._horizon = PredictedPath(grid), horizon
+        self._path = PredictedPath(grid)
+        self._positions = np.ascontiguousarray(horizon.stages.outputs[:, POSITIONS])
 
     def resume(self, previous: object) -> None:
         """Keep the input of the last tick, see `ttempc.types.Resuming`."""
@@ -227,21 +228,19 @@ class PaperFeedback(FeedbackLaw):
         error = estimated_error(estimate, self._grid, k)
         nominal = error if self._nominal is None or k != self._tick else self._nominal
         mpc_state = nominal if self._tube else error
-        feedback = self._mpc.step(k, mpc_state, self._previous)
-        self._previous = feedback.input
-        self._nominal = self._a[k] @ mpc_state + self._b[k] @ feedback.input
-        self._tick = k + 1
-        errors = self._horizon.outputs([k], feedback.plan[None])[0][:, POSITIONS]
+        u_b, report = self._mpc.step(k, mpc_state, self._previous)
+        self._previous, self._tick = u_b, k + 1
+        self._nominal = self._a[k] @ mpc_state + self._b[k] @ u_b
         u_m, z_m = np.zeros(len(Input)), None
         if self._robust:
             u_m, z_m = self._robust.step(k, nominal, error)
         return Diagnostics(
-            feedback=-feedback.input * self._to_vehicle,
+            feedback=-u_b * self._to_vehicle,
             robust=u_m * self._to_vehicle,
             modelling_error=z_m,
-            predicted_path=self._path.less(k, errors),
-            solver=feedback.report,
-            fallback=feedback.fallback,
+            predicted_path=self._path.under(k, self._mpc.work, self._positions),
+            solver=report,
+            fallback="" if report.accepted else f"QP {report.status}: previous feedback held",
         )
 
     def prepare(self, k: int) -> None:

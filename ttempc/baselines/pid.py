@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import check_choice, check_positive
-from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
+from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..models.kinematics import Error, tracking_error, trailer_point
-from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
+from ..reference.reference import GUIDED, Guided, Reference, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
@@ -113,18 +113,9 @@ def pole(lag_s: float, period_s: float, options: PidOptions = PidOptions()) -> f
 class PidFeedback(FeedbackLaw):
     """Three PID loops; an integral does not grow while its input is at a limit."""
 
-    def __init__(
-        self,
-        grid: ReferenceSample,
-        feedforward: FloatArray,
-        vehicle: Vehicle,
-        period_s: float,
-        options: PidOptions,
-    ) -> None:
-        self._grid, self._vehicle = grid, vehicle
-        self._feedforward = feedforward
-        self._period_s = period_s
-        speed = grid.state[:, State.V]
+    def __init__(self, course: ExactCourse, options: PidOptions) -> None:
+        self._course, grid = course, course.grid
+        vehicle, period_s, speed = course.vehicle, course.period_s, grid.state[:, State.V]
         loops = (
             front_steering_gains(speed, vehicle, period_s, options),
             trailer_steering_gains(grid.speed_i, vehicle, period_s, options),
@@ -139,7 +130,7 @@ class PidFeedback(FeedbackLaw):
         self._capture = np.stack([limit, limit, np.full_like(limit, np.inf)], axis=-1)  # (N, 3)
         self._speed = np.stack([speed, grid.speed_i], axis=-1)  # (N, 2)
         self._integrals = np.zeros(3)  # the integral actions
-        self._unlimited = self._feedforward[0]  # the previous command before the limits
+        self._unlimited = course.feedforward[0]  # the previous command before the limits
 
     def resume(self, previous: object) -> None:
         """Keep the integral actions, see `ttempc.types.Resuming`."""
@@ -147,20 +138,21 @@ class PidFeedback(FeedbackLaw):
             self._integrals, self._unlimited = previous._integrals, previous._unlimited
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        point, grid = trailer_point(estimate.state, self._vehicle), self._grid
+        course, grid = self._course, self._course.grid
+        point = trailer_point(estimate.state, course.vehicle)
         z_e = tracking_error(estimate.state, point, grid.state[k], grid.trailer_xy[k])
         error = -np.array([z_e[Error.Y_T], z_e[Error.Y_I], z_e[Error.X_T]])
         speed_t, speed_i = self._speed[k]
         rate = -np.array(
             [speed_t * np.sin(z_e[Error.PSI_T]), speed_i * np.sin(z_e[Error.PSI_I]), z_e[Error.V]]
         )
-        growth = -self._integral[k] * error * self._period_s
+        growth = -self._integral[k] * error * course.period_s
         winding_up = ((self._unlimited - sent) * growth > 0.0) | (np.abs(error) > self._capture[k])
         error = np.clip(error, -self._capture[k], self._capture[k])
         if k > 0:
             self._integrals = self._integrals + np.where(winding_up, 0.0, growth)
         feedback = self._integrals - self._proportional[k] * error - self._derivative[k] * rate
-        self._unlimited = self._feedforward[k] + feedback
+        self._unlimited = course.feedforward[k] + feedback
         return Diagnostics(feedback=feedback, robust=np.zeros(len(Input)))
 
 
@@ -168,9 +160,5 @@ def pid_controller(
     vehicle: Vehicle, reference: Reference, period_s: float, options: PidOptions = PidOptions()
 ) -> TrackingController:
     """Compose the exact feedforward and conventional guidance."""
-    reference = guided(reference, options.guided)
-
-    def law(grid: ReferenceSample, feedforward: FloatArray) -> PidFeedback:
-        return PidFeedback(grid, feedforward, reference.vehicle, period_s, options)
-
-    return around_exact_feedforward(vehicle, reference, period_s, 1, law)
+    course = ExactCourse(guided(reference, options.guided), period_s)
+    return course.controller(PidFeedback(course, options))

@@ -65,7 +65,7 @@ CONTROLLERS: Final = MappingProxyType(
         ),
         "ttempc-tube": ControllerEntry(
             "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",
-            "laws.tube_mpc tube_controller TubeMpcOptions",
+            "laws.articulated_mpc tube_controller MpcOptions",
             tube="required",
         ),
         "paper": ControllerEntry(

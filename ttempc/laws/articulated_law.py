@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ..jit import cached_njit, record
-from ..layout import ESTIMATE, TICK, new_tick
-from ..mpc.articulated_error import PredictedPath
-from ..mpc.lmpc import CondensedHorizon, LinearMpc, Work
+from ..layout import TICK, new_tick
+from ..mpc.articulated_error import PredictedPath, write_error
+from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
 from ..mpc.qp import UNSOLVED
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State, TubeReport
 from ..vehicle import Vehicle
@@ -98,7 +98,6 @@ MEMORY: Final = np.dtype(
 _TINY: Final = 1e-30  # keeps the autocorrelation of a signal of zeros finite
 # Largest argument of tanh in the tube reading. Beyond it the law cannot bring the vehicle back.
 _EXHAUSTED: Final = 3.0
-_TURN: Final = math.tau
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -117,15 +116,7 @@ def advance(
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def robust_part(
-    k: int,
-    constants: FloatArray,
-    points: FloatArray,
-    faces: FloatArray,
-    model: FloatArray,
-    outputs: FloatArray,
-    memory: FloatArray,
-    given: FloatArray,
-    tick: FloatArray,
+    k: int, law: Law, stages: Stages, memory: FloatArray, given: FloatArray, tick: FloatArray
 ) -> None:
     """Write nominal state, deviation, action and modelling error of tick `k`.
 
@@ -134,13 +125,13 @@ def robust_part(
     within [0, 1]: `MEMORY.correlation` holds the previous one and the averages of product and
     power, of which older ones weigh less by the factor `LAW.forgetting` with each tick.
     """
-    law, point = record(constants, LAW), record(points[k], POINT)
+    constants, gains = record(law.constants, LAW), record(law.points[k], POINT).gains
     s, t = record(memory, MEMORY), record(tick, TICK)
     nominal, deviation, action, feedback = s.nominal, s.deviation, s.action, s.feedback
-    kind, gains, seen, modelling = law.kind, point.gains, s.correlation, t.tracking
+    kind, seen, modelling, outputs = constants.kind, s.correlation, t.tracking, stages.outputs
     started = s.last == k - 1
     if started and kind == ONE_STEP:
-        advance(k - 1, model, s.state, s.previous, nominal)
+        advance(k - 1, stages.model, s.state, s.previous, nominal)
     largest, coming = 0.0, s.coming
     for i in range(_N):
         if not started:
@@ -157,8 +148,8 @@ def robust_part(
         if kind == TUBE_MPC or (kind == TUBE_READING and s.last >= 0.0):
             given[16 + i] = feedback[i]
     gauge = 0.0
-    if faces.shape[0]:
-        gauge = report_tube(k, points, faces, nominal, deviation, t.tube)
+    if law.faces.shape[0]:
+        gauge = report_tube(k, law, nominal, deviation, t.tube)
     if kind == TUBE_MPC and gauge > 1.0:
         s.fallback = OUTSIDE
     elif kind == TUBE_READING and largest > _EXHAUSTED:
@@ -177,10 +168,10 @@ def robust_part(
                 last = seen[0, i]
                 power = 0.5 * (now * now + last * last)
                 seen[0, i] = now
-                seen[1, i] = law.forgetting * seen[1, i] + now * last
-                seen[2, i] = law.forgetting * seen[2, i] + power
+                seen[1, i] = constants.forgetting * seen[1, i] + now * last
+                seen[2, i] = constants.forgetting * seen[2, i] + power
                 now *= min(max(seen[1, i] / max(seen[2, i], _TINY), 0.0), 1.0)
-            action[i] = law.limit[i] * math.tanh(now)
+            action[i] = constants.limit[i] * math.tanh(now)
     if kind != TUBE_MPC:
         for p in range(4):
             total = 0.0
@@ -191,19 +182,14 @@ def robust_part(
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def report_tube(
-    k: int,
-    points: FloatArray,
-    faces: FloatArray,
-    nominal: FloatArray,
-    deviation: FloatArray,
-    report: FloatArray,
+    k: int, law: Law, nominal: FloatArray, deviation: FloatArray, report: FloatArray
 ) -> float:
     """Write a `TubeReport` (20,) at tick `k`; return the gauge of the deviation in its set."""
-    point, at, gauge = record(points[k], POINT), min(k, faces.shape[0] - 1), 0.0
-    for f in range(faces.shape[1]):
+    point, at, gauge = record(law.points[k], POINT), min(k, law.faces.shape[0] - 1), 0.0
+    for f in range(law.faces.shape[1]):
         value = 0.0
         for j in range(_N):
-            value += faces[at, f, j] * deviation[j]
+            value += law.faces[at, f, j] * deviation[j]
         gauge = max(gauge, abs(value))
     report[0], report[1] = 1.0 if gauge <= 1.0 else 0.0, 1.0 - gauge
     rows, widths = point.rows, point.half_widths
@@ -220,11 +206,8 @@ def propose(
     k: int,
     estimate: FloatArray,
     sent: FloatArray,
-    constants: FloatArray,
-    points: FloatArray,
-    faces: FloatArray,
-    model: FloatArray,
-    outputs: FloatArray,
+    law: Law,
+    stages: Stages,
     memory: FloatArray,
     given: FloatArray,
     tick: FloatArray,
@@ -232,53 +215,30 @@ def propose(
     """Write the error on which the MPC acts at tick `k` and its previous input into `given`.
 
     The robust action, where there is one, goes into `MEMORY.action`, and what it finds into the
-    record `tick`. `plan` and `conclude` come next.
-
-    Args:
-        estimate: record `ESTIMATE`, finite.
-        sent: command of the previous period (3,).
-        constants: with `points` and `faces` as of `Law`.
-        model: with `outputs` as of `Stages`.
-        memory: record `MEMORY`.
+    record `tick`. `plan` and `conclude` come next. `estimate` is a finite record `ESTIMATE`, `sent`
+    the command of the previous period (3,).
     """
-    e, s, t = record(estimate, ESTIMATE), record(memory, MEMORY), record(tick, TICK)
-    law, r, x = record(constants, LAW), record(points[k], POINT).state, e.state
-    on_map, disturbance, modelling, tube = e.map_disturbance, e.disturbance, t.tracking, t.tube
-    dx, dy, cos, sin = r[0] - x[0], r[1] - x[1], math.cos(r[2]), math.sin(r[2])
-    given[0], given[1] = cos * dx + sin * dy, cos * dy - sin * dx
-    for i in range(2, _N):
-        error = r[i] - x[i]
-        given[i] = error - (_TURN * math.floor(error / _TURN + 0.5) if i < 4 else 0.0)
-    # body-fixed and map-fixed part of the disturbance, see `map_disturbance_gain`
-    cos, sin, v = math.cos(x[2]), math.sin(x[2]), x[6]
-    gear, yaw_rate = math.copysign(1.0, v), v * math.tan(x[4] + disturbance[2]) / law.wheelbase
-    by_x = -v * (cos / law.time_constant - yaw_rate * sin)
-    by_y = -v * (sin / law.time_constant + yaw_rate * cos)
-    of_map = (
-        gear * (on_map[1] * cos - on_map[0] * sin),
-        gear * (on_map[1] * math.cos(x[3]) - on_map[0] * math.sin(x[3])),
-        0.0,
-        gear * (by_x * on_map[2] + by_y * on_map[3]),
-        gear * (cos * on_map[2] + sin * on_map[3]),
+    s, t, constants = record(memory, MEMORY), record(tick, TICK), record(law.constants, LAW)
+    modelling, tube, action, previous = t.tracking, t.tube, s.action, s.previous
+    reference, wheelbase, tau = (
+        record(law.points[k], POINT).state,
+        constants.wheelbase,
+        constants.time_constant,
     )
-    for i in range(5):
-        given[7 + i] = law.disturbances * (disturbance[i] - of_map[i])
+    write_error(reference, estimate, wheelbase, tau, given)
+    for i in range(_N, 16):
+        given[i] *= constants.disturbances
     for i in range(4):
-        given[12 + i] = law.disturbances * on_map[i]
         modelling[7 + i] = math.nan
     for i in range(20):
         tube[i] = math.nan
-    feedforward, action, previous = (
-        record(points[max(k - 1, 0)], POINT).feedforward,
-        s.action,
-        s.previous,
-    )
+    feedforward = record(law.points[max(k - 1, 0)], POINT).feedforward
     for i in range(_M):
         given[16 + i] = previous[i] = feedforward[i] - sent[i]
         action[i] = 0.0
     s.fallback = 0.0
-    if law.kind != NOMINAL:
-        robust_part(k, constants, points, faces, model, outputs, memory, given, tick)
+    if constants.kind != NOMINAL:
+        robust_part(k, law, stages, memory, given, tick)
     for i in range(_M):
         previous[i] = given[16 + i]
 
@@ -287,17 +247,13 @@ def propose(
 def conclude(
     k: int,
     outcome: int,
-    points: FloatArray,
-    reserve: FloatArray,
-    model: FloatArray,
-    limits: FloatArray,
-    given: FloatArray,
-    steps: FloatArray,
+    law: Law,
+    stages: Stages,
+    work: Work,
     memory: FloatArray,
-    kept: FloatArray,
     tick: FloatArray,
 ) -> None:
-    """Write the actions of tick `k` for the plan in `steps` into the record `tick`.
+    """Write the actions of tick `k` for the plan in `Work.steps` into the record `tick`.
 
     With a backup plan, feedback and robust action have a sum from which all later plans exist; the
     robust action saturates there. Without a solution of the QP, the last plan is kept, and its
@@ -311,32 +267,28 @@ def conclude(
     that the tightening leaves. K m saturates at the share of the inputs that the tightening has
     reserved for it. A plan can be kept at every tick up to the last stage of its horizon.
 
-    Args:
-        outcome: of `plan`; below 0 the record has the report of a solver.
-        points: with `reserve` as of `Law`, `model` and `limits` as of `Stages`.
-        given: with `steps` as of `Work`.
-        memory: record `MEMORY`.
-        kept: the plan of the backup: previous input and steps (m + m Nc,).
+    The `outcome` is that of `plan`; below 0 the record has the report of a solver.
     """
-    s, t, point = record(memory, MEMORY), record(tick, TICK), record(points[k], POINT)
+    s, t, point = record(memory, MEMORY), record(tick, TICK), record(law.points[k], POINT)
     solver, action, feedback, ancillary = t.solver, s.action, s.feedback, point.ancillary
     plan_state, plan_input, state, control = s.plan_state, s.plan_input, s.state, t.control
     coming, previous, feedforward = s.coming, s.previous, point.feedforward
+    given, steps, kept, limits = work.given, work.steps, work.kept, stages.limits
     if outcome >= 0:
         solver[0], solver[1], solver[2], solver[3] = 1.0, outcome, 0.0, 0.0
-    size, accepted, backed = steps.size, solver[0] == 1.0, reserve.shape[0] > 0
+    size, accepted, backed = steps.size, solver[0] == 1.0, law.reserve.shape[0] > 0
     made = int(s.made)
     stage = k - made
     for i in range(_M):
         feedback[i] = min(max(given[16 + i] + steps[i], limits[k, 0, i]), limits[k, 1, i])
     if not accepted:
         s.fallback = HELD
-    if backed and not accepted and s.planned == k - 1 and stage < reserve.shape[0]:
+    if backed and not accepted and s.planned == k - 1 and stage < law.reserve.shape[0]:
         s.fallback, s.planned = KEPT, k
-        advance(k - 1, model, plan_state, plan_input, coming)
+        advance(k - 1, stages.model, plan_state, plan_input, coming)
         first = _M * min(stage, size // _M - 1)
         for i in range(_M):
-            planned, total, share = kept[i], 0.0, reserve[stage, k, i]
+            planned, total, share = kept[i], 0.0, law.reserve[stage, k, i]
             for j in range(i, first + i + 1, _M):
                 planned += kept[_M + j]
             low = plan_input[i] + limits[made, 0, size + first + i]
@@ -366,7 +318,7 @@ def conclude(
         if accepted:
             plan_state[i] = given[i]
     s.last, t.law = k, s.fallback
-    advance(k, model, state, feedback, coming)
+    advance(k, stages.model, state, feedback, coming)
 
 
 _EXCESS: Final = 1e-3  # [m], [rad] violation of the corridor from which it counts as left; assumed
@@ -376,26 +328,12 @@ class ArticulatedLaw(FeedbackLaw):
     """Linear MPC on the articulated error model with what a `Law` adds, by compiled code."""
 
     def __init__(self, law: Law, horizon: CondensedHorizon, path: PredictedPath) -> None:
-        self.law, self.horizon, self.path = law, horizon, path
-        self.mpc = LinearMpc(horizon)
+        self.law, self.path, self.mpc = law, path, LinearMpc(horizon)
         self._memory = np.zeros(MEMORY.itemsize // 8)
         memory = self._memory.view(MEMORY)[0]
         memory["last"] = memory["made"] = memory["planned"] = -2.0
-        self._kept = np.zeros(_M + len(horizon.stages.matrix))
         self.report: SolverReport | None = None  # of the last QP that a solver answered
         self._last: tuple[FloatArray, FloatArray] | None = None  # estimate and command, of a step
-
-    @property
-    def state(self) -> FloatArray:
-        """All that later steps depend on, a copy; `restore` takes it."""
-        return np.concatenate([self._memory, self._kept, self.mpc.work.active])
-
-    def restore(self, state: FloatArray) -> None:
-        """Go on from a `state` of a law along the same reference."""
-        ends = np.cumsum([len(self._memory), len(self._kept)])
-        parts = self._memory, self._kept, self.mpc.work.active
-        for part, values in zip(parts, np.split(state, ends), strict=True):
-            part[:] = values
 
     def resume(self, previous: object) -> None:
         """Keep autocorrelation and nominal input, see `ttempc.types.Resuming`.
@@ -415,13 +353,12 @@ class ArticulatedLaw(FeedbackLaw):
         tick: FloatArray,
     ) -> None:
         self._last, self.report = (row, sent), None
-        self._drive(k, row, sent, self.mpc.work, self._memory, self._kept, tick)
+        self._drive(k, row, sent, self.mpc.work, self._memory, tick)
 
     def prepare(self, k: int) -> None:
         """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
-            copies = self._memory.copy(), self._kept.copy(), new_tick()
-            self._drive(k, *self._last, self.mpc.beside, *copies)
+            self._drive(k, *self._last, self.mpc.beside, self._memory.copy(), new_tick())
 
     def warm_up(self) -> None:
         """Solve the problem of the last step by the solver, which takes milliseconds at first."""
@@ -434,34 +371,21 @@ class ArticulatedLaw(FeedbackLaw):
         sent: FloatArray,
         work: Work,
         memory: FloatArray,
-        kept: FloatArray,
         tick: FloatArray,
     ) -> None:
-        constants, points, faces, reserve = self.law
-        model, outputs, limits, *_ = self.horizon.stages
-        given, steps = work.given, work.steps
-        propose(k, row, sent, constants, points, faces, model, outputs, memory, given, tick)
-        outcome = self.mpc.plan(k, work)
+        law, stages = self.law, self.mpc.horizon.stages
+        propose(k, row, sent, law, stages, memory, work.given, tick)
+        outcome = plan(k, stages, work, self.mpc.most)
         if outcome < 0 and work is self.mpc.work:
             self.report, excess = self.mpc.answer(k, outcome)
             report, record = self.report, tick.view(TICK)[0]
             residuals = report.primal_residual, report.dual_residual
             record["solver"][:4] = report.accepted, report.iterations, *residuals
             record["leaves_corridor"] = excess is not None and bool((excess > _EXCESS).any())
-        conclude(k, outcome, points, reserve, model, limits, given, steps, memory, kept, tick)
-
-    @property
-    def plan(self) -> FloatArray:
-        """Error, previous input and steps of the last tick, (16 + m + m Nc,), a copy."""
-        return np.concatenate([self.mpc.work.given, self.mpc.work.steps])
-
-    def predicted_paths(self, ticks: FloatArray, plans: FloatArray) -> FloatArray:
-        """Return the paths of T ticks under their plans, (T, Np, 4), see `Diagnostics`."""
-        at = np.asarray(ticks, dtype=int)
-        return self.path.less(at, self.horizon.outputs(at, plans))
+        conclude(k, outcome, law, stages, work, memory, tick)
 
     def predicted_path(self, k: int) -> FloatArray:
-        return self.path.under(k, self.mpc.work, self.horizon.stages.outputs)
+        return self.path.under(k, self.mpc.work, self.mpc.horizon.stages.outputs)
 
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""

@@ -1,12 +1,17 @@
-"""Offset-free linear MPC on the articulated model, growing tube, saturated robust law: `ttempc`."""
+"""Controllers of the articulated law: options and composition.
+
+`ttempc` is an offset-free linear MPC on the articulated model in a growing tube, with a saturated
+robust law; `ttempc-nominal` its MPC alone; `ttempc-tube` a tube MPC with an ancillary gain.
+"""
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final, Self
+from typing import ClassVar, Final, Literal, Self, get_args
 
 import numpy as np
 
-from ..errors import check_choice, check_flag, check_positive
+from ..errors import InvalidTuning, check_choice, check_flag, check_positive, check_vector
+from ..models.linear import riccati_gains
 from ..mpc.articulated_error import (
     PredictedPath,
     corridor_bounds,
@@ -17,13 +22,21 @@ from ..mpc.articulated_error import (
 )
 from ..mpc.lmpc import CondensedHorizon, HorizonTuning
 from ..reference.corridor import SpeedTube
-from ..reference.reference import GUIDED, Guided, Reference, ReferenceSample, guided
-from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows, tightened
-from ..types import FloatArray, State
-from ..vehicle import CommandLimits, Vehicle
-from .articulated_law import NOMINAL, ONE_STEP, TUBE_READING, ArticulatedLaw, law_of
-from .lq_robust_law import LqRobustTuning, robust_gains
-from .tracking_controller import TrackingController, around_exact_feedforward
+from ..reference.reference import GUIDED, Guided, Reference, guided
+from ..tube.reference_tube import (
+    GrowingTube,
+    ReferenceTube,
+    TubeDesign,
+    report_rows,
+    tightened,
+)
+from ..types import FloatArray, Input, State
+from ..vehicle import Vehicle
+from .articulated_law import NOMINAL, ONE_STEP, TUBE_MPC, TUBE_READING, ArticulatedLaw, law_of
+from .tracking_controller import ExactCourse, TrackingController
+
+Reading = Literal["one-step", "tube"]
+Tightening = Literal["none", "saturation", "tube"]
 
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
 _ROUNDING: Final = 1e-9
@@ -51,7 +64,6 @@ class MpcOptions(HorizonTuning):
     step_weight: tuple[float, ...] = (0.3, 0.1, 0.1)
     # [rad], [rad], fraction
     input_bound: tuple[float, ...] = (math.radians(20.0), math.radians(20.0), 0.5)
-
     # tau of y + tau y' in the place of the cross-track errors y in the cost [s]
     damping_s: float = 0.6
 
@@ -115,81 +127,89 @@ class NominalOptions(MpcOptions):
 
 
 @dataclass(frozen=True)
-class ArticulatedOptions(LqRobustTuning, NominalOptions):
-    """Options of `ttempc`: those of its MPC and of its robust law."""
+class ArticulatedOptions(NominalOptions):
+    """Options of `ttempc`: those of its MPC, then of its robust law, in the order of `Input`."""
 
+    # Reading of erratum 8, see `ttempc.baselines.paper.PaperFeedback`.
+    nominal: Reading = "one-step"
+    # Largest action k_s [rad], [rad], fraction; the paper's.
+    saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)
+    # Cost of an action [1/rad^2], [1/rad^2], 1, beside errors of both points at 1 / m^2 each: 2 cm
+    # weigh as much as 2 deg of steering or 4 % of the hydrostat. For the vehicle of the paper up to
+    # 1 m/s.
+    input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
+    # What the MPC leaves free. "tube": at stage j of the horizon what the growing tube takes;
+    # nothing without a tube. "saturation": k_s of every input, so that the limits never cut the
+    # sum of both; it reserves authority that the law seldom uses.
+    tightening: Tightening = "tube"
+    # In the one-step reading: time constant of the autocorrelation's average [s].
+    memory_s: float = 5.0
     robust: bool = True  # whether the robust law acts
 
     def __post_init__(self) -> None:
         NominalOptions.__post_init__(self)
-        LqRobustTuning.__post_init__(self)
+        check_choice("nominal", self.nominal, get_args(Reading))
+        check_vector("saturation", self.saturation, len(Input))
+        check_vector("input_weight", self.input_weight, len(Input))
+        check_choice("tightening", self.tightening, get_args(Tightening))
+        check_positive("memory_s", self.memory_s)
         check_flag("robust", self.robust)
+        if self.tightening == "tube" and self.nominal == "tube":
+            raise InvalidTuning(
+                "tightening: 'tube' (the default) grows from the estimate and needs nominal = "
+                "'one-step'; with nominal = 'tube' it must be 'none' or 'saturation'"
+            )
+
+    def for_vehicle(self, vehicle: Vehicle, speed_mps: float, period_s: float) -> Self:
+        """Return the options for a vehicle, as `MpcOptions.for_vehicle`.
+
+        A robust action has the cost of the same motion, and none less than the one given. With a
+        fixed cost the loop's gain grows with the speed, and above 3 m/s the lags that the kinematic
+        model leaves out make steering and drawbar oscillate.
+        """
+        ratio = vehicle.motion_per_input(speed_mps) / Vehicle().motion_per_input(1.0)
+        weights = np.array(self.input_weight) * np.maximum(ratio, 1.0) ** 2
+        front, trailer, hp = weights.tolist()
+        options = super().for_vehicle(vehicle, speed_mps, period_s)
+        return replace(options, input_weight=(front, trailer, hp))
+
+
+def robust_gains(
+    a: FloatArray, b: FloatArray, c: FloatArray, input_weight: tuple[float, float, float]
+) -> FloatArray:
+    """Return K (N, 3, 7) of u_m = k_s tanh(r K z_m / k_s), z_m = z_e - zbar_e, entry by entry.
+
+    K is the gain of the linear-quadratic regulator on the articulated error model along the
+    reference, actuator lags included. K z_m replaces the printed k_p z_m + k_d z_m', since the
+    rate of a position error follows from heading and speed error; taken from the model, it does not
+    amplify the estimate's noise as a difference over a period does.
+
+    One-step reading: zbar_e is predicted from the previous error and the input that was sent, so
+    that z_m is the residual of one step. The MPC corrects it, for it has happened; the robust
+    action acts on its autocorrelated part, r K z_m, with the lag-one autocorrelation
+
+        r = sum f^j w(k-j) w(k-j-1) / sum f^j (w(k-j)^2 + w(k-j-1)^2) / 2,   w = K z_m,
+
+    within [0, 1] and with f = exp(-period / `memory_s`). Where filter and model are right, the
+    residuals are white and r is 0; slopes, patches and furrows outside the model make it grow.
+
+    Tube reading: r = 1, and all feedback on the vehicle is this law. The nominal state restarts at
+    z_e where the law's authority is exhausted: then the MPC has to bring the vehicle back.
+
+    A (N, n, n), B (N, n, 3) and C (N + 1, 4, n) are those of `error_dynamics`.
+
+    Raises:
+        InvalidTuning: no gain stabilises the last stage.
+    """
+    n = len(State)
+    outputs = c[:-1, :, :n]
+    cost = outputs.transpose(0, 2, 1) @ outputs
+    return riccati_gains(a[:, :n, :n], b[:, :n], cost, np.array(input_weight))
 
 
 # Time after which a plan can move a point across its path: the steering's lag, and its first effect
 # through the heading. Nearer stages would ask for nothing but slack. Assumed.
 _RESPONSE_S: Final = 0.8
-
-
-def articulated_law(
-    grid: ReferenceSample,
-    reference: Reference,
-    feedforward: FloatArray,
-    period_s: float,
-    tuning: HorizonTuning,
-    robust: LqRobustTuning | None,
-    options: NominalOptions,
-    design: TubeDesign | None,
-) -> ArticulatedLaw:
-    """Return the MPC on the articulated error model, with or without the robust law.
-
-    In the one-step reading of the robust law a `design` gives a monitor of the residual of each
-    step. The deviation of the estimate from its prediction is then the disturbance w of that step
-    alone. It lies in the design's set W of single steps, whatever the gain, to W's coverage; the
-    true error lies in W widened by the error of the estimate. The margin is 1 less the gauge of w
-    in W.
-
-    Raises:
-        InvalidTube: the law is to have its authority free and the feedforward leaves less.
-        InvalidTuning: no gain stabilises the last stage.
-    """
-    a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
-    bounds = remaining_bounds(feedforward, CommandLimits.of(reference.vehicle, period_s))
-    kind, tube = NOMINAL, None
-    parts: dict[str, FloatArray | float] = {"disturbances": float(options.disturbances)}
-    if robust:
-        kind = ONE_STEP if robust.nominal == "one-step" else TUBE_READING
-        parts["limit"] = np.array(robust.saturation)
-        parts["gains"] = robust_gains(a, b, c, robust) / parts["limit"][:, None]
-        parts["forgetting"] = math.exp(-period_s / robust.memory_s)
-        if robust.tightening == "saturation":
-            reserved = np.tile(robust.saturation, (len(feedforward), 1))
-            bounds = tightened(bounds, reserved, np.zeros_like(reserved), period_s)
-        elif robust.tightening == "tube" and design:
-            tube = GrowingTube.along(design, a, b, c, feedforward, tuning)
-            parts |= {"ancillary": tube.gains, "reserve": tube.reserve}
-    if design and kind == ONE_STEP:
-        rows = report_rows(c[:-1, :, : len(State)])
-        flat = rows.reshape(-1, len(State))
-        width = design.disturbance.support(flat) + design.estimate_error.support(flat)
-        faces = np.ascontiguousarray(design.disturbance.faces)[None]
-        parts |= {"faces": faces, "rows": rows, "half_widths": width.reshape(rows.shape[:2])}
-    spread, limit = np.zeros(tuning.horizon + 1), math.radians(options.hitch_limit_deg)
-    if tube:
-        spread[:-1], spread[-1] = tube.hitch, tube.hitch[-1]
-    soft = None
-    if reference.corridor and options.corridor:
-        first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
-        soft = corridor_bounds(reference.corridor, grid, c, first, tuning.horizon)
-        if reference.corridor.hitch_limit is not None:
-            reference.corridor.require_hitch(grid.hitch_angle)
-            limit = min(limit, reference.corridor.hitch_limit)
-    soft = hitch_bounds(grid, limit, spread).beside(soft)
-    of_plan = tube.bounds if tube else None
-    weighted = damped(a, c, period_s, options.damping_s)
-    horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft, weighted)
-    law = law_of(kind, grid.state, feedforward, reference.vehicle, **parts)
-    return ArticulatedLaw(law, horizon, PredictedPath(grid))
 
 
 def articulated_controller(
@@ -201,25 +221,109 @@ def articulated_controller(
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
-    With `NominalOptions` the robust law is left out. With a `design`, the inputs of the MPC are
-    tightened by the tube that grows from the estimate, and, in the one-step reading of the robust
-    law, the containment of each step's residual is logged, which changes no command.
+    With `NominalOptions` the robust law is left out. A `design` tightens the inputs of the MPC by
+    the tube that grows from the estimate. In the one-step reading of the robust law it also gives a
+    monitor of the residual of each step, which changes no command: the deviation of the estimate
+    from its prediction is the disturbance w of that step alone. It lies in the design's set W of
+    single steps, whatever the gain, to W's coverage; the true error lies in W widened by the error
+    of the estimate. The margin is 1 less the gauge of w in W.
 
     Raises:
         InvalidTube: the design was made for another vehicle, or the law is to have its authority
             free (`tightening = "saturation"`) and the feedforward leaves less.
+        InvalidTuning: no gain stabilises the last stage.
     """
     if design:
         design.require(vehicle, period_s)
     reference = guided(reference, options.guided)
-    speed = reference.speed.top_speed
-    tuning, robust = options.for_vehicle(vehicle, speed, period_s), None
+    options = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
+    course = ExactCourse(reference, period_s, options.horizon)
+    a, b, c = error_dynamics(reference, period_s, len(course.feedforward))
+    bounds = remaining_bounds(course.feedforward, course.limits)
+    kind, free, soft = NOMINAL, None, None
+    spread, limit = np.zeros(options.horizon + 1), math.radians(options.hitch_limit_deg)
+    parts: dict[str, FloatArray | float] = {"disturbances": float(options.disturbances)}
     if isinstance(options, ArticulatedOptions) and options.robust:
-        robust = options.for_speed(vehicle, speed)
+        kind = ONE_STEP if options.nominal == "one-step" else TUBE_READING
+        parts["limit"] = np.array(options.saturation)
+        gains = robust_gains(a, b, c, options.input_weight)
+        parts["gains"] = gains / parts["limit"][:, None]
+        parts["forgetting"] = math.exp(-period_s / options.memory_s)
+        if options.tightening == "saturation":
+            reserved = np.tile(options.saturation, (len(course.feedforward), 1))
+            bounds = tightened(bounds, reserved, np.zeros_like(reserved), period_s)
+        elif options.tightening == "tube" and design:
+            tube = GrowingTube.along(design, a, b, c, course.feedforward, options)
+            parts |= {"ancillary": tube.gains, "reserve": tube.reserve}
+            free = tube.bounds
+            spread[:-1], spread[-1] = tube.hitch, tube.hitch[-1]
+        if design and kind == ONE_STEP:
+            rows = report_rows(c[:-1, :, : len(State)])
+            flat = rows.reshape(-1, len(State))
+            width = design.disturbance.support(flat) + design.estimate_error.support(flat)
+            faces = np.ascontiguousarray(design.disturbance.faces)[None]
+            parts |= {"faces": faces, "rows": rows, "half_widths": width.reshape(rows.shape[:2])}
+    if reference.corridor and options.corridor:
+        first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
+        soft = corridor_bounds(reference.corridor, course.grid, c, first, options.horizon)
+        if reference.corridor.hitch_limit is not None:
+            reference.corridor.require_hitch(course.grid.hitch_angle)
+            limit = min(limit, reference.corridor.hitch_limit)
+    soft = hitch_bounds(course.grid, limit, spread).beside(soft)
+    weighted = damped(a, c, period_s, options.damping_s)
+    horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, weighted)
+    law = law_of(kind, course.grid.state, course.feedforward, course.vehicle, **parts)
+    return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))
 
-    def law(grid: ReferenceSample, feedforward: FloatArray) -> ArticulatedLaw:
-        return articulated_law(
-            grid, reference, feedforward, period_s, tuning, robust, options, design
-        )
 
-    return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)
+def tube_controller(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: MpcOptions = MpcOptions(),
+    *,
+    design: TubeDesign,
+) -> TrackingController:
+    """Compose tube MPC after Mayne, Seron and Rakovic (2005), on the estimate (Mayne et al. 2006).
+
+    The nominal error zbar follows the model under the MPC, within bounds that the tube has
+    tightened, and with the disturbance s of the estimator:
+
+        zbar(k+1) = A zbar(k) + B ubar(k) - E s(k),   u_e = ubar + K (zhat - zbar).
+
+    The deviation zhat - zbar of the estimate then obeys A + B K under the disturbance of each step,
+    and stays in the tube as long as the windows of that disturbance stay in their set. The nominal
+    error depends on no estimate of the state: noise reaches the commands through K only. The
+    constraints are those of the inputs at the free stages, and the reference satisfies them: every
+    tick has a solution, and no terminal set is needed. Stability with active constraints is not
+    proven. Membership is tested by half widths, in a box around the set. Where the deviation leaves
+    that box, as after a push or on ground unlike that of the data, the nominal error restarts at
+    the estimate, and the fallback of the tick says so.
+
+    Raises:
+        InvalidTube: see `ReferenceTube.along`.
+    """
+    design.require(vehicle, period_s)
+    options = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
+    course = ExactCourse(reference, period_s, options.horizon)
+    along = ReferenceTube.along(design, reference, len(course.feedforward))
+    weighted = damped(along.a, along.c, period_s, options.damping_s)
+    horizon = CondensedHorizon(
+        along.a, along.b, options, period_s, along.c, along.bounds, weighted=weighted
+    )
+    tube = along.tube
+    rows, gains = report_rows(tube.system.c), tube.system.gains  # (T, 9, 7), (T, 3, 7)
+    # States, trailer point and inputs of the deviation, each divided by its half width.
+    widths = np.concatenate([tube.states, tube.outputs[:, 2:], tube.inputs], axis=1)
+    law = law_of(
+        TUBE_MPC,
+        course.grid.state,
+        along.feedforward,
+        course.vehicle,
+        disturbances=1.0,
+        gains=gains,
+        faces=np.concatenate([rows, gains], axis=1) / widths[..., None],  # (T, 12, 7)
+        rows=rows,
+        half_widths=along.half_widths,
+    )
+    return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))

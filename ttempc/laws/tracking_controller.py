@@ -18,6 +18,7 @@ from ..types import (
     FloatArray,
     Input,
     Resuming,
+    Shared,
     SolverReport,
     State,
 )
@@ -28,17 +29,14 @@ _WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set 
 
 
 class FeedbackLaw:
-    """Turns an estimate into feedback and robust action; the default of a law without memory."""
+    """Turns an estimate into feedback and robust action; by itself it has neither, nor memory."""
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         """Return the actions of tick `k`; those on the trailer may be of delta_i or of lambda.
 
-        Args:
-            k: the tick.
-            estimate: of the vehicle at this tick; finite.
-            sent: command of the previous period, (3,) in the order of `Input`.
+        The estimate is finite; `sent` is the command of the previous period (3,).
         """
-        raise NotImplementedError
+        return Diagnostics(feedback=np.zeros(len(Input)), robust=np.zeros(len(Input)))
 
     def act(
         self,
@@ -87,13 +85,6 @@ def write_told(told: Diagnostics, tick: FloatArray) -> None:
     t["leaves_corridor"], t["law"] = told.leaves_corridor, -1.0 if told.fallback else 0.0
 
 
-class NoFeedback(FeedbackLaw):
-    """Feedback law without any action."""
-
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        return Diagnostics(feedback=np.zeros(3), robust=np.zeros(3))
-
-
 class TrackingController:
     """Feedforward along a precomputed reference, a feedback law, and the vehicle's limits.
 
@@ -113,7 +104,7 @@ class TrackingController:
         feedback: FeedbackLaw,
         limits: CommandLimits,
         *,
-        measured_hitch: bool,
+        measured_hitch: bool = False,
         space_based: bool = False,
     ) -> None:
         self.space_based = space_based
@@ -126,26 +117,16 @@ class TrackingController:
         self._measured_hitch = measured_hitch
         self._previous = limits.clamp(grid.inputs[0])
 
-    def fresh(self) -> TrackingController:
-        """Return a copy of a controller before its first tick, which shares no memory with it."""
-        return copy.deepcopy(self)
-
     def warm_up(self) -> None:
         """Run the code of whole steps once: compilation, solver set-up, caches.
 
-        The steps are those of a copy, on an estimate beside the
-        start of the reference. No later result changes. Call it before the first tick.
+        The steps are those of a copy, on an estimate beside the start of the reference. No later
+        result changes. Call it before the first tick.
         """
-        controller = self.fresh()
-        state = self._grid.state[0].copy()
+        controller, state = copy.deepcopy(self), self._grid.state[0].copy()
         state[State.Y] += _WARM_UP_OFFSET_M
-        estimate = Estimate(
-            time_s=0.0,
-            state=state,
-            covariance=np.zeros((len(State), len(State))),
-            trailer_xy=self._grid.trailer_xy[0],
-            hitch_angle=float(self._grid.hitch_angle[0]),
-        )
+        covariance, point = np.zeros((len(State), len(State))), self._grid.trailer_xy[0]
+        estimate = Estimate(0.0, state, covariance, point, float(self._grid.hitch_angle[0]))
         for k in range(_WARM_UP_TICKS):
             controller.prepare(k)
             controller.step(estimate, k)
@@ -175,9 +156,8 @@ class TrackingController:
         """Write the actions of tick `k`, without limits; the rest is as of `FeedbackLaw.act`."""
         k = min(k, len(self._feedforward) - 1)
         told = self.feedback.act(k, row, view, sent, tick)
-        feedforward = self._feedforward[k]
         control = tick.view(TICK)[0]["control"]
-        control[:, 0] = feedforward
+        control[:, 0] = self._feedforward[k]
         if self._measured_hitch:
             control[Input.DELTA_I, 0] -= row.view(ESTIMATE)[0]["hitch_angle"]
         return told
@@ -187,46 +167,43 @@ class TrackingController:
         return self.feedback.diagnostics(min(k, len(self._feedforward) - 1), tick)
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
-        """Return the command for the period that starts at tick `k`."""
-        tick = new_tick()
-        row = estimate_row(estimate)
-        told = self.act(row, lambda: estimate, k, self._previous, tick)
+        """Return the command for the period that starts at tick `k`, as a `Controller`.
+
+        It is for controllers around this one: the guidance asks `act`, and limits the command.
+        """
+        tick, before = new_tick(), self._previous
+        told = self.act(estimate_row(estimate), lambda: estimate, k, before, tick)
         control = tick.view(TICK)[0]["control"]
-        command, changed = self._limits.apply(control[:, :3].sum(axis=1), self._previous)
-        limited = changed | self._limits.holds(command, self._previous)
-        self._previous = command
-        diagnostics = replace(
-            told or self.view(k, tick), feedforward=control[:, 0].copy(), limited=limited
-        )
-        return ControlStep(Command(*command.tolist()), diagnostics)
+        self._previous, changed = self._limits.apply(control[:, :3].sum(axis=1), before)
+        limited = changed | self._limits.holds(self._previous, before)
+        told = told or self.view(k, tick)
+        diagnostics = replace(told, feedforward=control[:, 0].copy(), limited=limited)
+        return ControlStep(Command(*self._previous.tolist()), diagnostics)
 
 
-def around_exact_feedforward(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    beyond: int,
-    law: Callable[[ReferenceSample, FloatArray], FeedbackLaw],
-) -> TrackingController:
-    """Compose the exact feedforward with the feedback law that `law` returns for it.
+class ExactCourse(Shared):
+    """A reference at control ticks, and the inputs of its exact geometry as feedforward.
 
-    `law` takes the reference at N + 1 ticks, to its end and `beyond` ticks further, and the
-    feedforward (delta_t, delta_i, hp) of the N periods between them, (N, 3).
+    `grid` has N + 1 ticks, to the end of the reference and `beyond` further; `feedforward`
+    (delta_t, delta_i, hp) those of the N periods between them, (N, 3).
     """
-    grid = reference.on_grid(period_s, beyond=beyond)
-    feedforward = exact_feedforward(reference, len(grid.time_s) - 1, period_s)
-    ticks = len(grid.time_s) - beyond
-    as_lambda = feedforward[:ticks].copy()
-    as_lambda[:, Input.DELTA_I] += grid.hitch_angle[:ticks]
-    limits = CommandLimits.of(vehicle, period_s)
-    feedback = law(grid, feedforward)
-    return TrackingController(grid, as_lambda, feedback, limits, measured_hitch=False)
+
+    def __init__(self, reference: Reference, period_s: float, beyond: int = 1) -> None:
+        self.reference, self.vehicle, self.period_s = reference, reference.vehicle, period_s
+        self.grid = reference.on_grid(period_s, beyond=beyond)
+        self.feedforward = exact_feedforward(reference, len(self.grid.time_s) - 1, period_s)
+        self.limits = CommandLimits.of(self.vehicle, period_s)
+        self._ticks = len(self.grid.time_s) - beyond
+
+    def controller(self, law: FeedbackLaw) -> TrackingController:
+        """Compose the feedforward and a law with the limits of the vehicle."""
+        as_lambda = self.feedforward[: self._ticks].copy()
+        as_lambda[:, Input.DELTA_I] += self.grid.hitch_angle[: self._ticks]
+        return TrackingController(self.grid, as_lambda, law, self.limits)
 
 
 def feedforward_controller(
     vehicle: Vehicle, reference: Reference, period_s: float
 ) -> TrackingController:
     """Compose the exact feedforward alone: what the reference asks for, whatever happens."""
-    return around_exact_feedforward(
-        vehicle, reference, period_s, 1, lambda grid, feedforward: NoFeedback()
-    )
+    return ExactCourse(reference, period_s).controller(FeedbackLaw())

@@ -11,7 +11,6 @@ from ..jit import cached_njit
 from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
-    Estimate,
     FloatArray,
     Input,
     MapDisturbance,
@@ -99,14 +98,6 @@ def map_disturbance_gain(
         [0.0, 0.0, cos, sin],
     ]
     return math.copysign(1.0, speed) * np.array(gain)
-
-
-def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
-    """Return `map_disturbance_gain` (5, 4) at the state of an estimate."""
-    _, _, psi_t, psi_i, delta_t, _, v = estimate.state.tolist()
-    angle = delta_t + estimate.disturbance[Disturbance.STEERING]
-    yaw_rate = v * math.tan(angle) / vehicle.wheelbase
-    return map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
 
 
 @cached_njit(error_model="numpy")

@@ -4,11 +4,11 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..jit import cached_njit
-from ..models.augmented_state import map_disturbance_gain, map_gain
-from ..models.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
+from ..jit import cached_njit, record
+from ..layout import ESTIMATE, estimate_row
+from ..models.augmented_state import map_disturbance_gain
+from ..models.kinematics import articulated_jacobian, trailer_point_jacobian
 from ..models.linear import zero_order_hold
 from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
@@ -40,38 +40,34 @@ class PredictedPath(Shared):
         `less`.
         """
         path = np.empty((len(work.response), 4))
-        write_path(
-            k, work.free, work.response, work.steps, outputs, self._to_map, self._reference, path
-        )
+        write_path(k, work, outputs, self._to_map, self._reference, path)
         return path
 
-    def less(self, k: int | NDArray[np.intp], errors: FloatArray) -> FloatArray:
+    def less(self, k: int, errors: FloatArray) -> FloatArray:
         """Return the reference after tick `k` less position errors, (Np, 4) [m], map frame.
 
         The `errors` (Np, 4) of tractor (x, y) and trailer (x, y) are in the frames of the
-        reference. Of ticks (T,) with errors (T, Np, 4) the result is (T, Np, 4).
+        reference.
         """
-        ahead = np.asarray(k)[..., None] + np.arange(1, 1 + errors.shape[-2])
+        ahead = slice(k + 1, k + 1 + len(errors))
         return self._reference[ahead] - (self._to_map[ahead] @ errors[..., None])[..., 0]
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def write_path(
     k: int,
-    free: FloatArray,
-    response: FloatArray,
-    steps: FloatArray,
+    work: Work,
     outputs: FloatArray,
     to_map: FloatArray,
     reference: FloatArray,
     path: FloatArray,
 ) -> None:
     """Do `PredictedPath.under`: states z_j = free_{j+1} + response_j steps, errors C z_j."""
-    error = np.empty(4)
+    error, response, steps = np.empty(4), work.response, work.steps
     for j in range(response.shape[0]):
         error[:] = 0.0
         for n in range(response.shape[1]):
-            z = free[j + 1, n]
+            z = work.free[j + 1, n]
             for i in range(steps.size):
                 z += response[j, n, i] * steps[i]
             for p in range(4):
@@ -147,27 +143,45 @@ def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
 
 def error_state(reference: FloatArray, estimate: Estimate, vehicle: Vehicle) -> FloatArray:
     """Return (z_e, s, m) of `error_dynamics`, (16,), for the state (7,) of the reference."""
-    dx, dy, psi_t, psi_i, *others = (reference - estimate.state).tolist()
-    heading = reference.item(State.PSI_T)
-    cos, sin = math.cos(heading), math.sin(heading)
-    body_fixed, map_fixed = split_disturbance(estimate, vehicle)
-    return np.array(
-        [
-            cos * dx + sin * dy,
-            cos * dy - sin * dx,
-            wrap_angle(psi_t),
-            wrap_angle(psi_i),
-            *others,
-            *body_fixed.tolist(),
-            *map_fixed.tolist(),
-        ]
+    error = np.empty(_SIZE)
+    of_vehicle = vehicle.wheelbase, vehicle.speed_time_constant
+    write_error(reference, estimate_row(estimate), *of_vehicle, error)
+    return error
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
+def write_error(
+    reference: FloatArray,
+    estimate: FloatArray,
+    wheelbase: float,
+    time_constant: float,
+    error: FloatArray,
+) -> None:
+    """Do `error_state` for a record `ESTIMATE`, with L_t [m] and tau [s] of the vehicle."""
+    e = record(estimate, ESTIMATE)
+    x, on_map, disturbance = e.state, e.map_disturbance, e.disturbance
+    dx, dy = reference[0] - x[0], reference[1] - x[1]
+    cos, sin = math.cos(reference[2]), math.sin(reference[2])
+    error[0], error[1] = cos * dx + sin * dy, cos * dy - sin * dx
+    for i in range(2, _N):
+        rest = reference[i] - x[i]
+        error[i] = rest - (math.tau * math.floor(rest / math.tau + 0.5) if i < 4 else 0.0)
+    # body-fixed and map-fixed part of the disturbance, see `map_disturbance_gain`
+    cos, sin, v = math.cos(x[2]), math.sin(x[2]), x[6]
+    gear, yaw_rate = math.copysign(1.0, v), v * math.tan(x[4] + disturbance[2]) / wheelbase
+    by_x = -v * (cos / time_constant - yaw_rate * sin)
+    by_y = -v * (sin / time_constant + yaw_rate * cos)
+    of_map = (
+        gear * (on_map[1] * cos - on_map[0] * sin),
+        gear * (on_map[1] * math.cos(x[3]) - on_map[0] * math.sin(x[3])),
+        0.0,
+        gear * (by_x * on_map[2] + by_y * on_map[3]),
+        gear * (cos * on_map[2] + sin * on_map[3]),
     )
-
-
-def split_disturbance(estimate: Estimate, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
-    """Return the body-fixed part s (5,) and the map-fixed part m (4,) of the disturbance."""
-    on_map = estimate.map_disturbance
-    return estimate.disturbance - map_gain(estimate, vehicle) @ on_map, on_map
+    for i in range(_D):
+        error[_N + i] = disturbance[i] - of_map[i]
+    for i in range(4):
+        error[_N + _D + i] = on_map[i]
 
 
 def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:
@@ -187,9 +201,7 @@ def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBou
 _ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and trailer point
 
 
-def damped(
-    a: FloatArray, outputs: FloatArray, period_s: float, damping_s: float
-) -> FloatArray:
+def damped(a: FloatArray, outputs: FloatArray, period_s: float, damping_s: float) -> FloatArray:
     """Return the outputs C (N + 1, 4, n) with y + tau y' for the cross-track errors y.
 
     tau is `damping_s`. Over a period without inputs y' = (C_{k+1} A_k - C_k) z / T; an input acts
@@ -253,6 +265,4 @@ def hitch_bounds(
     rows[:, 0, :_N] = HITCH
     room = np.maximum(limit - (limit - math.sin(limit)), np.abs(beta) + _ROOM + spread.max())
     lower, upper = (beta - room)[:, None], (beta + room)[:, None]
-    return OutputBounds(
-        rows, lower, upper, spread.reshape(stages, 1), np.full(1, _HITCH_PENALTY)
-    )
+    return OutputBounds(rows, lower, upper, spread.reshape(stages, 1), np.full(1, _HITCH_PENALTY))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar, Final, Literal, NamedTuple, get_args
 
@@ -77,6 +76,19 @@ class StageBounds(NamedTuple):
         """Return the bounds at an index of the arrays."""
         return StageBounds(*(values[index] for values in self))
 
+    def clamp(self, inputs: FloatArray) -> FloatArray:
+        """Return the allowed first input nearest to `inputs` (m,), of the bounds of one tick."""
+        first = slice(len(inputs))
+        return np.minimum(np.maximum(inputs, self.lower[first]), self.upper[first])
+
+    def clamp_previous(self, previous: FloatArray) -> FloatArray:
+        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
+
+        From an input beyond them, the QP of the tick is infeasible.
+        """
+        lower, upper, step_lower, step_upper = self.at(slice(len(previous)))
+        return np.minimum(np.maximum(previous, lower - step_upper), upper - step_lower)
+
 
 @dataclass(frozen=True, slots=True)
 class OutputBounds:
@@ -96,36 +108,9 @@ class OutputBounds:
         if other is None:
             return self
         pairs = ((getattr(self, item.name), getattr(other, item.name)) for item in fields(self))
-        return OutputBounds(*(np.concatenate(pair, axis=min(pair[0].ndim - 1, 1)) for pair in pairs))
-
-
-@dataclass(frozen=True, slots=True)
-class FirstInputs:
-    """Bounds on the first input of every tick and on the previous one; (ticks, 2, m)."""
-
-    bounds: FloatArray  # lower, upper
-    reach: FloatArray  # lower, upper of the inputs from which a step leads into the bounds
-
-    @classmethod
-    def of(cls, first: StageBounds) -> FirstInputs:
-        """Return them for the bounds on the `first` stage of every tick, (ticks, m)."""
-        return cls(
-            np.stack([first.lower, first.upper], axis=1),
-            np.stack([first.lower - first.step_upper, first.upper - first.step_lower], axis=1),
+        return OutputBounds(
+            *(np.concatenate(pair, axis=min(pair[0].ndim - 1, 1)) for pair in pairs)
         )
-
-    def clamp(self, k: int, inputs: FloatArray) -> FloatArray:
-        """Return the allowed first input of tick `k` nearest to `inputs` (m,)."""
-        lower, upper = self.bounds[k]
-        return np.minimum(np.maximum(inputs, lower), upper)
-
-    def clamp_previous(self, k: int, previous: FloatArray) -> FloatArray:
-        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
-
-        From an input beyond them, the QP of tick `k` is infeasible.
-        """
-        lower, upper = self.reach[k]
-        return np.minimum(np.maximum(previous, lower), upper)
 
 
 class Stages(NamedTuple):
@@ -157,6 +142,7 @@ class Work(NamedTuple):
     limits: FloatArray  # on inputs and steps, less the input held, (2, 2 m Nc)
     active: FloatArray  # see `minimise`, (2 m Nc,)
     steps: FloatArray  # the minimiser (m Nc,)
+    kept: FloatArray  # of a backup plan, see `ttempc.laws`: previous input and steps, (m + m Nc,)
 
     def beside(self) -> Work:
         """Return arrays of which the matrices alone are shared with these."""
@@ -217,7 +203,7 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
     return convex
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def pose(k: int, stages: Stages, work: Work) -> None:
     """Write free response, gradient and limits of tick `k` for `Work.given`, after `condense`.
 
@@ -281,7 +267,7 @@ def pose(k: int, stages: Stages, work: Work) -> None:
         left[1, c] = left[1, both] = min(left[1, c], left[1, both])
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def are_slack(k: int, stages: Stages, work: Work) -> bool:
     """Whether the steps of tick `k` keep to all soft bounds."""
     horizon, r, size = work.response.shape
@@ -304,6 +290,30 @@ def are_slack(k: int, stages: Stages, work: Work) -> bool:
             if not low - HOLDS <= value <= high + HOLDS:
                 return False
     return True
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def plan(k: int, stages: Stages, work: Work, most: int) -> int:
+    """Write the steps of tick `k` for `Work.given`; return the outcome as `minimise`.
+
+    Below 0 `LinearMpc.answer` is to complete them; so it is where a soft bound would be violated.
+    """
+    if work.tick[0] != k and not condense(k, stages, work):
+        return NOT_CONVEX
+    pose(k, stages, work)
+    outcome = minimise(
+        work.hessian,
+        work.factor,
+        work.gradient,
+        stages.matrix,
+        work.limits,
+        work.active,
+        most,
+        work.steps,
+    )
+    if outcome >= 0 and stages.soft_rows.shape[0] and not are_slack(k, stages, work):
+        return UNSOLVED
+    return outcome
 
 
 class CondensedHorizon(Shared):
@@ -357,7 +367,6 @@ class CondensedHorizon(Shared):
         changes = (a != np.eye(n)).any(axis=(0, 2)) | b.any(axis=(0, 2))
         r = int(np.flatnonzero(changes).max(initial=0)) + 1
         limits = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
-        self.first = FirstInputs.of(limits.at(slice(None), slice(m)))
         lower = np.concatenate([limits.lower, limits.step_lower], axis=1)
         upper = np.concatenate([limits.upper, limits.step_upper], axis=1)
         none = np.zeros((0, 0, r))
@@ -394,18 +403,18 @@ class CondensedHorizon(Shared):
             limits=np.zeros((2, 2 * size)),
             active=np.zeros(2 * size),
             steps=np.zeros(size),
+            kept=np.zeros(len(stages.step_weight) + size),
         )
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
         work = self.work()
         work.given[:] = *state, *previous_input
-        condense(k, self.stages, work)
-        pose(k, self.stages, work)
+        plan(k, self.stages, work, -1)
         return self.problem(k, work)
 
     def problem(self, k: int, work: Work) -> QP:
-        """Return the QP of tick `k` that `pose` has left in `work`."""
+        """Return the QP of tick `k` that `plan` has left in `work`."""
         size, (lower, upper) = len(work.gradient), work.limits
         return QP(
             hessian=work.hessian,
@@ -431,22 +440,6 @@ class CondensedHorizon(Shared):
             upper=np.minimum((limits[:, 1] - spread).ravel(), FREE) - offset,
             penalty=self.stages.soft_penalty,
         )
-
-    def outputs(self, ticks: Sequence[int] | NDArray[np.intp], plans: FloatArray) -> FloatArray:
-        """Return C z_{k+1} ... C z_{k+Np} at T ticks under their plans, (T, Np, p).
-
-        A plan is z_k, u_{k-1} and the steps, (T, n + m + m Nc).
-        """
-        stages, at = self.stages, np.asarray(ticks)
-        _, r, given = stages.model.shape
-        m, steps = len(stages.step_weight), plans[:, given:]
-        now, result = plans[:, :given].copy(), []
-        for j in range(self.horizon):
-            if m * j < steps.shape[1]:
-                now[:, given - m :] += steps[:, m * j : m * (j + 1)]
-            now[:, :r] = np.einsum("kij,kj->ki", stages.model[at + j], now)
-            result.append(np.einsum("kij,kj->ki", stages.outputs[at + j + 1], now[:, :r]))
-        return np.stack(result, axis=1)
 
 
 def move_bounds(
@@ -478,16 +471,6 @@ def stage_bounds(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class FeedbackAction:
-    """Result of the linear MPC at one tick."""
-
-    input: FloatArray  # u_b = u_e* (m,), eq. (ue); inside its bounds
-    plan: FloatArray  # (n + m + m Nc,) w of `CondensedHorizon`: state, previous input, input steps
-    report: SolverReport
-    fallback: str  # why the input is not the minimiser; empty where it is
-
-
 class LinearMpc:
     """Receding horizon: solve the QP of a tick and apply its first step.
 
@@ -502,28 +485,15 @@ class LinearMpc:
         self.beside = self.work.beside()
         self._solver = PersistentSolver(horizon.solver)
 
-    def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
-        """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
-        work, m = self.work, len(previous)
+    def step(
+        self, k: int, state: FloatArray, previous: FloatArray
+    ) -> tuple[FloatArray, SolverReport]:
+        """Return u_b = u_e* of eq. (ue), inside its bounds, for z_k (n,) and u_{k-1} (m,)."""
+        work, stages, m = self.work, self.horizon.stages, len(previous)
         work.given[:-m], work.given[-m:] = state, previous
-        report, _ = self.answer(k, self.plan(k, work))
-        u = self.horizon.first.clamp(k, work.given[-m:] + work.steps[:m])
-        fallback = "" if report.accepted else f"QP {report.status}: previous feedback held"
-        return FeedbackAction(u, np.concatenate([work.given, work.steps]), report, fallback)
-
-    def plan(self, k: int, work: Work) -> int:
-        """Write the steps of tick `k` for `Work.given`; below 0 `answer` is to complete them."""
-        stages = self.horizon.stages
-        if work.tick[0] != k and not condense(k, stages, work):
-            return NOT_CONVEX
-        pose(k, stages, work)
-        _, hessian, factor, _, _, _, gradient, limits, active, steps = work
-        outcome = minimise(
-            hessian, factor, gradient, stages.matrix, limits, active, self.most, steps
-        )
-        if outcome >= 0 and len(stages.soft_rows) and not are_slack(k, stages, work):
-            return UNSOLVED
-        return outcome
+        report, _ = self.answer(k, plan(k, stages, work, self.most))
+        lower, upper = stages.limits[k, :, :m]
+        return np.minimum(np.maximum(work.given[-m:] + work.steps[:m], lower), upper), report
 
     def answer(self, k: int, outcome: int) -> tuple[SolverReport, FloatArray | None]:
         """Complete `Work.steps` after the `outcome` of `plan`: by the solver, or with zeros.
@@ -548,4 +518,4 @@ class LinearMpc:
     def prepare(self, k: int) -> None:
         """Condense tick `k` and plan it for the data of the last step, to fill the caches."""
         self.beside.given[:] = self.work.given
-        self.plan(k, self.beside)
+        plan(k, self.horizon.stages, self.beside, self.most)

@@ -37,12 +37,6 @@ class SoftRows:
     upper: FloatArray  # (Np r,)
     penalty: FloatArray  # of the slack of each output, see `PENALTY`, (r,)
 
-    def hold(self, x: FloatArray) -> bool:
-        """Whether all constraints hold at `x` (n,) without a slack."""
-        rows = self.matrix @ x
-        excess = np.maximum(rows - self.upper, self.lower - rows)
-        return bool((excess <= HOLDS).all())
-
 
 @dataclass(frozen=True, slots=True)
 class QP:
@@ -440,7 +434,7 @@ class PersistentSolver:
         if factorise(qp.hessian, factor):
             active = np.zeros(qp.limits.shape[1])
             outcome = minimise(qp.hessian, factor, qp.gradient, qp.matrix, qp.limits, active, 0, x)
-        if outcome == 0 and (qp.soft is None or qp.soft.hold(x)):
+        if outcome == 0 and qp.soft is None:
             return QPSolution(x, SolverReport("solved", True, 0, 0.0, 0.0, 0.0))
         if outcome in (NOT_FINITE, NOT_CONVEX):
             return self._failed(SolverReport(REFUSED[outcome], False, 0, 0.0, math.inf, math.inf))

@@ -21,7 +21,7 @@ from ttempc.errors import InvalidReference, check_choice, check_count, check_pos
 from ttempc.guidance.controllers import parse_options
 from ttempc.laws.tracking_controller import FeedbackLaw, TrackingController
 from ttempc.mpc.articulated_error import rotation
-from ttempc.mpc.lmpc import FirstInputs, HorizonTuning, StageBounds
+from ttempc.mpc.lmpc import HorizonTuning, StageBounds
 from ttempc.reference.path import Projection
 from ttempc.reference.reference import Reference
 from ttempc.types import Diagnostics, Estimate, FloatArray, Input
@@ -136,14 +136,9 @@ class PrintedFeedback(FeedbackLaw):
         lower[Input.DELTA_I] += beta
         upper[Input.DELTA_I] += beta
         # The solver's unknowns are steps of u_e = u_r - u; without a feedforward u_e = -u.
-        bounds = StageBounds(
-            *(
-                np.tile(row, options.moves)[None]
-                for row in (-upper, -lower, -self._step, self._step)
-            )
-        )
-        first = FirstInputs.of(bounds.at(slice(None), slice(_M)))
-        held = first.clamp_previous(0, -previous)
+        rows = -upper, -lower, -self._step, self._step
+        bounds = StageBounds(*(np.tile(row, options.moves) for row in rows))
+        held = bounds.clamp_previous(-previous)
         task = Task(
             state=np.array([x, y, psi_t, *estimate.trailer_xy, psi_i, ground / factors[0]]),
             disturbance=np.tile([*factors, beta, 0.0], (options.horizon, 1)),
@@ -151,12 +146,12 @@ class PrintedFeedback(FeedbackLaw):
             feedforward=np.zeros((options.horizon, _M)),
             inputs_e=np.zeros((options.horizon, _M)),
             previous=held,
-            bounds=bounds.at(0),
+            bounds=bounds,
         )
         guess = np.vstack([self._plan[1:], np.zeros(_M)])
         plan = self._solver.minimise(task, guess.reshape(-1))
         self._plan = np.zeros_like(guess) if plan.steps is None else plan.steps.reshape(-1, _M)
-        inputs = -first.clamp(0, held + self._plan[0])
+        inputs = -bounds.clamp(held + self._plan[0])
         self._lambda = float(inputs[Input.DELTA_I])
         along = plan.errors[:, :4]
         for body, psi in ((slice(0, 2), targets[:, 2]), (slice(2, 4), targets[:, 5])):

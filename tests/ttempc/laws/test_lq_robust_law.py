@@ -22,8 +22,12 @@ from ttempc.laws.articulated_law import (
     report_tube,
     robust_part,
 )
-from ttempc.laws.articulated_mpc import ArticulatedOptions, MpcOptions, articulated_controller
-from ttempc.laws.lq_robust_law import LqRobustTuning, robust_gains
+from ttempc.laws.articulated_mpc import (
+    ArticulatedOptions,
+    MpcOptions,
+    articulated_controller,
+    robust_gains,
+)
 from ttempc.layout import TICK, new_tick
 from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import error_dynamics, error_state
@@ -36,7 +40,7 @@ from ttempc.types import Disturbance, Estimate, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
-TUBE = LqRobustTuning(nominal="tube", tightening="none")
+TUBE = ArticulatedOptions(nominal="tube", tightening="none")
 TICKS = 150
 SIZE = len(State) + len(Disturbance) + len(MapDisturbance)
 
@@ -58,7 +62,7 @@ class RobustPart:
             np.zeros((TICKS, 7)),
             np.zeros((TICKS, 3)),
             Vehicle(),
-            gains=robust_gains(a, b, c, tuning) / np.array(tuning.saturation)[:, None],
+            gains=robust_gains(a, b, c, tuning.input_weight) / np.array(tuning.saturation)[:, None],
             limit=np.array(tuning.saturation),
             forgetting=math.exp(-PERIOD_S / tuning.memory_s),
         )
@@ -70,9 +74,7 @@ class RobustPart:
         """Return action, modelling error, the error on which the MPC acts, exhaustion."""
         given, tick = np.concatenate([error, previous]), new_tick()
         self.record["fallback"], self.record["previous"] = 0.0, previous
-        constants, points, faces, _ = self.law
-        model, outputs, *_ = self.stages
-        robust_part(k, constants, points, faces, model, outputs, self.memory, given, tick)
+        robust_part(k, self.law, self.stages, self.memory, given, tick)
         modelling_error = tick.view(TICK)[0]["tracking"][7:]
         exhausted = self.record["fallback"] == EXHAUSTED
         return self.record["action"].copy(), modelling_error, given[:SIZE], exhausted
@@ -83,7 +85,7 @@ class RobustPart:
         record["coming"] = self.stages.model[k] @ np.concatenate([mpc_state, feedback])
 
 
-each_reading = pytest.mark.parametrize("tuning", [LqRobustTuning(), TUBE])
+each_reading = pytest.mark.parametrize("tuning", [ArticulatedOptions(), TUBE])
 
 
 @each_reading
@@ -128,7 +130,7 @@ def test_small_actions_stabilise_what_the_model_does_not_know():
 def test_autocorrelation_is_the_correlation_of_a_signal_with_its_past():
     """Of white noise, of an autoregressive signal, and of one that changes its sign."""
     generator = np.random.default_rng(54)
-    law, signal = RobustPart(LqRobustTuning(memory_s=20.0)), np.zeros(3)
+    law, signal = RobustPart(ArticulatedOptions(memory_s=20.0)), np.zeros(3)
     gains = np.zeros((TICKS, 3, 7))
     gains[:, range(3), range(3)] = 1.0
     law.law.points.view(POINT)["gains"][:, 0] = gains
@@ -151,7 +153,7 @@ def test_robust_action_acts_on_autocorrelated_residuals_and_not_on_white_ones():
     sizes = {}
     for memory in (0.0, 0.8):
         law, error, residual, actions = (
-            RobustPart(LqRobustTuning()),
+            RobustPart(ArticulatedOptions()),
             np.zeros(SIZE),
             np.zeros(SIZE),
             [],
@@ -202,7 +204,7 @@ def test_what_lies_in_the_set_lies_within_the_half_widths():
     report = np.zeros(20)
     for k, raw in enumerate(generator.uniform(-1.2, 1.2, size=(60, 7))):
         nominal, deviation = generator.normal(size=7), disturbance.axes @ raw
-        report_tube(k, law.points, law.faces, nominal, deviation, report)
+        report_tube(k, law, nominal, deviation, report)
         assert report[0] == (np.abs(raw).max() <= 1.0)
         assert report[1] == pytest.approx(1.0 - np.abs(raw).max())
         np.testing.assert_allclose(report[2:11], report_rows(OUTPUTS)[k] @ nominal)

@@ -16,9 +16,8 @@ from ttempc.baselines.paper import PaperOptions
 from ttempc.baselines.pid import PidOptions
 from ttempc.errors import InvalidTuning
 from ttempc.guidance.controllers import CONTROLLERS, make_controller, parse_options
-from ttempc.laws.articulated_mpc import ArticulatedOptions
+from ttempc.laws.articulated_mpc import ArticulatedOptions, MpcOptions
 from ttempc.laws.tracking_controller import TrackingController
-from ttempc.laws.tube_mpc import TubeMpcOptions
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -65,7 +64,7 @@ CHANGES = {
         "hp_full_scale": 100,
         "nominal": "tube",
     },
-    TubeMpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02)},
+    MpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02)},
     LqrOptions: {"output_weight": (1.0, 0.3, 1.0, 1.0), "step_weight": (5.0, 1.0, 1.0)},
     PidOptions: {"lag_ratio": 8.0, "least_speed_mps": 1.5},
     NmpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02), "iterations": 1},
@@ -75,7 +74,7 @@ NAMES = {entry.options: name for name, entry in reversed(CONTROLLERS.items()) if
 
 
 def make(options, reference):
-    name, design = NAMES[type(options)], DESIGN if isinstance(options, TubeMpcOptions) else None
+    name, design = NAMES[type(options)], DESIGN if type(options) is MpcOptions else None
     return make_controller(name, VEHICLE, reference, PERIOD_S, design, asdict(options))
 
 
