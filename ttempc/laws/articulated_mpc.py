@@ -64,8 +64,9 @@ class MpcOptions(HorizonTuning):
     step_weight: tuple[float, ...] = (0.3, 0.1, 0.1)
     # [rad], [rad], fraction
     input_bound: tuple[float, ...] = (math.radians(20.0), math.radians(20.0), 0.5)
-    # tau of y + tau y' in the place of the cross-track errors y in the cost [s]
-    damping_s: float = 0.6
+    # tau of y + tau y', which is in the place of the cross-track errors y in the cost while the
+    # vehicle enters its line from beside it; of an NMPC always [s]
+    damping_s: float = 1.0
 
     def __post_init__(self) -> None:
         HorizonTuning.__post_init__(self)
@@ -270,8 +271,8 @@ def articulated_controller(
             reference.corridor.require_hitch(course.grid.hitch_angle)
             limit = min(limit, reference.corridor.hitch_limit)
     soft = hitch_bounds(course.grid, limit, spread).beside(soft)
-    weighted = damped(a, c, period_s, options.damping_s)
-    horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, weighted)
+    entry = damped(a, c, period_s, options.damping_s)
+    horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, entry)
     law = law_of(kind, course.grid.state, course.feedforward, course.vehicle, **parts)
     return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))
 
@@ -307,10 +308,7 @@ def tube_controller(
     options = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
     course = ExactCourse(reference, period_s, options.horizon)
     along = ReferenceTube.along(design, reference, len(course.feedforward))
-    weighted = damped(along.a, along.c, period_s, options.damping_s)
-    horizon = CondensedHorizon(
-        along.a, along.b, options, period_s, along.c, along.bounds, weighted=weighted
-    )
+    horizon = CondensedHorizon(along.a, along.b, options, period_s, along.c, along.bounds)
     tube = along.tube
     rows, gains = report_rows(tube.system.c), tube.system.gains  # (T, 9, 7), (T, 3, 7)
     # States, trailer point and inputs of the deviation, each divided by its half width.

@@ -90,6 +90,12 @@ class StageBounds(NamedTuple):
         return np.minimum(np.maximum(previous, lower - step_upper), upper - step_lower)
 
 
+ENTERS: Final = 0.5
+"""Cross-track error, or its damped one, from which the vehicle enters its line [m]; assumed."""
+LEAVES: Final = 0.1
+"""Both errors with which the entry ends [m]; assumed."""
+
+
 @dataclass(frozen=True, slots=True)
 class OutputBounds:
     """Bounds on r outputs of the state at N + 1 ticks; infinite: free.
@@ -103,7 +109,7 @@ class OutputBounds:
     spread: FloatArray  # (Np + 1, r)
     penalty: FloatArray  # of a violation, see `PENALTY`, (r,)
 
-    def beside(self, other: "OutputBounds | None") -> "OutputBounds":
+    def beside(self, other: OutputBounds | None) -> OutputBounds:
         """Return these bounds and those of `other`."""
         if other is None:
             return self
@@ -126,16 +132,17 @@ class Stages(NamedTuple):
     soft_limits: FloatArray  # (N + 1, 2, s)
     soft_spread: FloatArray  # taken off them at each stage, (Np + 1, s)
     soft_penalty: FloatArray  # (s,)
-    weighted: FloatArray  # rows of the cost (N + 1, p, n): C, or others in its place
+    damped: FloatArray  # rows of the cost in the place of C while an error is large; (0, p, n)
 
 
 class Work(NamedTuple):
     """Arrays of one tick of a `CondensedHorizon`, and the set of bounds that were active last."""
 
-    tick: FloatArray  # (1,) of Hessian, factor and response; -1: none
+    tick: FloatArray  # (2,) of Hessian, factor and response; -1: none; `entering` of them
     hessian: FloatArray  # (m Nc, m Nc)
     factor: FloatArray  # (m Nc, m Nc)
     response: FloatArray  # of z_{k+1} ... z_{k+Np} to the steps, (Np, r, m Nc)
+    entering: FloatArray  # whether the cost has the damped rows (1,)
     given: FloatArray  # z_k, u_{k-1} (n + m,)
     free: FloatArray  # z_k ... z_{k+Np} with the input held, (Np + 1, r)
     gradient: FloatArray  # (m Nc,)
@@ -158,10 +165,12 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
     horizon, r, size = work.response.shape
     model, outputs, weights, costs = (
         stages.model,
-        stages.weighted,
+        stages.outputs,
         stages.output_weight,
         stages.step_weight,
     )
+    if work.entering[0] != 0.0:
+        outputs = stages.damped
     response, hessian, row, m = work.response, work.hessian, np.empty(size), costs.size
     given = model.shape[2] - m
     for a in range(size):
@@ -199,7 +208,7 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
         for b in range(a):
             hessian[b, a] = hessian[a, b]
     convex = factorise(hessian, work.factor)
-    work.tick[0] = k if convex else -1.0
+    work.tick[0], work.tick[1] = k if convex else -1.0, work.entering[0]
     return convex
 
 
@@ -213,10 +222,12 @@ def pose(k: int, stages: Stages, work: Work) -> None:
     horizon, r, size = work.response.shape
     model, outputs, limits, weights = (
         stages.model,
-        stages.weighted,
+        stages.outputs,
         stages.limits,
         stages.output_weight,
     )
+    if work.entering[0] != 0.0:
+        outputs = stages.damped
     given, free, gradient, left = work.given, work.free, work.gradient, work.limits
     m = stages.step_weight.size
     n = model.shape[2] - m
@@ -245,7 +256,7 @@ def pose(k: int, stages: Stages, work: Work) -> None:
             error = 0.0
             for i in range(r):
                 error += outputs[k + j + 1, p, i] * free[j + 1, i]
-            for i in range(r, n):
+            for i in range(r, outputs.shape[2]):
                 error += outputs[k + j + 1, p, i] * given[i]
             error *= 2.0 * weights[p]
             for i in range(r):
@@ -298,7 +309,19 @@ def plan(k: int, stages: Stages, work: Work, most: int) -> int:
 
     Below 0 `LinearMpc.answer` is to complete them; so it is where a soft bound would be violated.
     """
-    if work.tick[0] != k and not condense(k, stages, work):
+    if stages.damped.shape[0]:
+        largest = 0.0
+        for p in range(stages.damped.shape[1]):
+            value = damped = 0.0
+            for i in range(stages.damped.shape[2]):
+                damped += stages.damped[k, p, i] * work.given[i]
+                if i < stages.outputs.shape[2]:
+                    value += stages.outputs[k, p, i] * work.given[i]
+            if value != damped:
+                largest = max(largest, abs(value), abs(damped))
+        work.entering[0] = 1.0 if largest > (LEAVES if work.entering[0] != 0.0 else ENTERS) else 0.0
+    known = work.tick[0] == k and work.tick[1] == work.entering[0]
+    if not known and not condense(k, stages, work):
         return NOT_CONVEX
     pose(k, stages, work)
     outcome = minimise(
@@ -336,7 +359,8 @@ class CondensedHorizon(Shared):
         bounds: (N, m) each, in addition to those of the tuning.
         free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
             the tuning and `bounds`.
-        weighted: what the cost weighs in the place of the outputs, (N + 1, p, n).
+        damped: what the cost weighs in the place of the outputs (N + 1, p, n), from an error of
+            `ENTERS` on until both it and the output are within `LEAVES`.
         soft: bounds on outputs of the states z_{k+1} ... z_{k+Np}, kept as far as possible.
 
     Raises:
@@ -353,7 +377,7 @@ class CondensedHorizon(Shared):
         bounds: StageBounds | None = None,
         free_bounds: StageBounds | None = None,
         soft: OutputBounds | None = None,
-        weighted: FloatArray | None = None,
+        damped: FloatArray | None = None,
     ) -> None:
         n, m = b.shape[1:]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
@@ -381,7 +405,7 @@ class CondensedHorizon(Shared):
             soft_limits=np.stack([soft.lower, soft.upper], axis=1) if soft else none,
             soft_spread=soft.spread if soft else none[0],
             soft_penalty=soft.penalty if soft else none[0, 0],
-            weighted=np.ascontiguousarray(c if weighted is None else weighted),
+            damped=np.zeros((0, p, n)) if damped is None else np.ascontiguousarray(damped),
         )
         work = self.work()
         finite = np.isfinite(self.stages.model).all() and np.isfinite(c).all()
@@ -393,7 +417,8 @@ class CondensedHorizon(Shared):
         stages, size = self.stages, len(self.stages.matrix)
         _, r, given = stages.model.shape
         return Work(
-            tick=np.full(1, -1.0),
+            tick=np.full(2, -1.0),
+            entering=np.zeros(1),
             hessian=np.zeros((size, size)),
             factor=np.zeros((size, size)),
             response=np.zeros((self.horizon, r, size)),
@@ -517,5 +542,5 @@ class LinearMpc:
 
     def prepare(self, k: int) -> None:
         """Condense tick `k` and plan it for the data of the last step, to fill the caches."""
-        self.beside.given[:] = self.work.given
+        self.beside.given[:], self.beside.entering[:] = self.work.given, self.work.entering
         plan(k, self.horizon.stages, self.beside, self.most)
