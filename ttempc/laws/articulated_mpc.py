@@ -270,7 +270,8 @@ def articulated_controller(
         if reference.corridor.hitch_limit is not None:
             reference.corridor.require_hitch(course.grid.hitch_angle)
             limit = min(limit, reference.corridor.hitch_limit)
-    soft = hitch_bounds(course.grid, limit, spread).beside(soft)
+    front = options.input_bound[Input.DELTA_T]
+    soft = hitch_bounds(course.grid, course.vehicle, limit, spread, front).beside(soft)
     entry = damped(a, c, period_s, options.damping_s)
     horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, entry)
     law = law_of(kind, course.grid.state, course.feedforward, course.vehicle, **parts)

@@ -218,6 +218,7 @@ def damped(a: FloatArray, outputs: FloatArray, period_s: float, damping_s: float
 HITCH: Final = np.eye(_N)[State.PSI_T] - np.eye(_N)[State.PSI_I] - np.eye(_N)[State.DELTA_I]
 """Row from the error z_e to that of the hitch angle, beta = psi_t - psi_i - delta_i."""
 _HITCH_PENALTY: Final = 1000.0  # of a hitch angle beyond its bound [1/rad]; assumed
+_HELD_SHARE: Final = 0.5  # of `held_lambda`, that plans in reverse may take; assumed
 _ROOM: Final = math.radians(3.0)  # beyond the reference that a bound leaves at least; assumed
 
 
@@ -250,19 +251,41 @@ def corridor_bounds(
 
 
 def hitch_bounds(
-    grid: ReferenceSample, limit: float, spread: FloatArray, size: int = _SIZE
+    grid: ReferenceSample, vehicle: Vehicle, limit: float, spread: FloatArray, delta_t: float
 ) -> OutputBounds:
     """Return the bounds that keep the true hitch angle within `limit` [rad] over the horizon.
 
     `spread` (Np + 1,) [rad] is by how much the true angle may deviate at stage j from that of the
-    linear plan. The model takes lambda for sin lambda, which changes the angle by `limit` - sin
-    `limit` at most while it is within the limit and the vehicle drives forwards, where the trailer
-    follows; that is taken off as well. Where the reference itself comes closer than 3 deg to the
-    bound, the bound gives way to that distance.
+    linear plan. Forwards the trailer follows; the model takes lambda for sin lambda, which changes
+    the angle by `limit` - sin `limit` at most while it is within the limit. That is taken off as
+    well.
+
+    In reverse the trailer folds by itself. The bound is then on lambda = beta + delta_i, half of
+    `held_lambda` of the front steering `delta_t` that the plan may take: what remains turns lambda
+    back. |beta| is at most that and the bound of delta_i.
+
+    Where the reference itself comes closer than 3 deg to the bound, the bound gives way to that
+    distance.
     """
-    beta, stages = grid.hitch_angle, len(spread)
-    rows = np.zeros((len(beta), 1, size))
-    rows[:, 0, :_N] = HITCH
-    room = np.maximum(limit - (limit - math.sin(limit)), np.abs(beta) + _ROOM + spread.max())
-    lower, upper = (beta - room)[:, None], (beta + room)[:, None]
-    return OutputBounds(rows, lower, upper, spread.reshape(stages, 1), np.full(1, _HITCH_PENALTY))
+    angle, row, largest = grid.hitch_angle, HITCH, math.sin(limit)
+    if vehicle.reverse:
+        angle = grid.state[:, State.PSI_T] - grid.state[:, State.PSI_I]
+        row = HITCH + np.eye(_N)[State.DELTA_I]
+        largest = min(limit, _HELD_SHARE * held_lambda(vehicle, delta_t))
+    rows = np.zeros((len(angle), 1, _SIZE))
+    rows[:, 0, :_N] = row
+    room = np.maximum(largest, np.abs(angle) + _ROOM + spread.max())
+    lower, upper = (angle - room)[:, None], (angle + room)[:, None]
+    return OutputBounds(rows, lower, upper, spread[:, None], np.full(1, _HITCH_PENALTY))
+
+
+def held_lambda(vehicle: Vehicle, delta_t: float) -> float:
+    """Return the lambda [rad] that the front steering `delta_t` [rad] holds on a steady turn.
+
+    With delta_i = 0 both bodies then turn alike, t (L_i + d) = sin lambda - a t cos lambda with the
+    tractor's curvature t = tan delta_t / L_t. In reverse a larger lambda grows without end.
+    """
+    turn = math.tan(delta_t) / vehicle.wheelbase
+    behind = vehicle.hitch_offset * turn
+    length = vehicle.drawbar_length + vehicle.trailer_length
+    return math.atan(behind) + math.asin(min(1.0, turn * length / math.hypot(1.0, behind)))

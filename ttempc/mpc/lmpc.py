@@ -303,23 +303,28 @@ def are_slack(k: int, stages: Stages, work: Work) -> bool:
     return True
 
 
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
+def enter(k: int, stages: Stages, work: Work) -> None:
+    """Write whether the vehicle enters its line at tick `k` into `Work.entering`."""
+    damped, outputs, given, largest = stages.damped, stages.outputs, work.given, 0.0
+    for p in range(damped.shape[1] if damped.shape[0] else 0):
+        value = rate = 0.0
+        for i in range(damped.shape[2]):
+            now = outputs[k, p, i] if i < outputs.shape[2] else 0.0
+            value += now * given[i]
+            rate += (damped[k, p, i] - now) * given[i]
+        if rate != 0.0:  # of an output that is damped
+            largest = max(largest, abs(value), abs(value + rate))
+    work.entering[0] = 1.0 if largest > (LEAVES if work.entering[0] != 0.0 else ENTERS) else 0.0
+
+
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def plan(k: int, stages: Stages, work: Work, most: int) -> int:
     """Write the steps of tick `k` for `Work.given`; return the outcome as `minimise`.
 
     Below 0 `LinearMpc.answer` is to complete them; so it is where a soft bound would be violated.
     """
-    if stages.damped.shape[0]:
-        largest = 0.0
-        for p in range(stages.damped.shape[1]):
-            value = damped = 0.0
-            for i in range(stages.damped.shape[2]):
-                damped += stages.damped[k, p, i] * work.given[i]
-                if i < stages.outputs.shape[2]:
-                    value += stages.outputs[k, p, i] * work.given[i]
-            if value != damped:
-                largest = max(largest, abs(value), abs(damped))
-        work.entering[0] = 1.0 if largest > (LEAVES if work.entering[0] != 0.0 else ENTERS) else 0.0
+    enter(k, stages, work)
     known = work.tick[0] == k and work.tick[1] == work.entering[0]
     if not known and not condense(k, stages, work):
         return NOT_CONVEX
