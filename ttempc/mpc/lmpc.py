@@ -408,8 +408,8 @@ class CondensedHorizon(Shared):
             step_weight=np.array(tuning.step_weight),
             soft_rows=np.ascontiguousarray(soft.rows[..., :r]) if soft else none,
             soft_limits=np.stack([soft.lower, soft.upper], axis=1) if soft else none,
-            soft_spread=soft.spread if soft else none[0],
-            soft_penalty=soft.penalty if soft else none[0, 0],
+            soft_spread=soft.spread if soft else np.zeros((0, 0)),
+            soft_penalty=soft.penalty if soft else np.zeros(0),
             damped=np.zeros((0, p, n)) if damped is None else np.ascontiguousarray(damped),
         )
         work = self.work()
