@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from ..jit import cached_njit, record
-from ..layout import ALARM, FLOAT, INNOVATION, SAMPLE, measurements_of
+from ..layout import ALARM, ESTIMATE, FLOAT, INNOVATION, SAMPLE, measurements_of
 from ..models.augmented_state import SensorIndex
 from ..types import Command, Estimate, FloatArray, Measurement, Sensor, WarmingUp
 from ..vehicle import MAX_DEAD_TIME_S, Vehicle
@@ -88,9 +88,12 @@ class DetectorIndex(IntEnum):
     MOTION = 10
     WHEELS = 11
     INNOVATIONS = 12  # of GNSS tractor, GNSS trailer, hitch, encoder
+    HITCH = 16
+    POSITION = 17
+    DRIFT = 18
 
 
-_COUNT: Final = 16  # detectors
+_COUNT: Final = 19  # detectors
 _GO_ON, _SLOW, _STOP_ON_PATH, _STOP = map(float, Reaction)
 _ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
 _SATURATION: Final = 1.5  # limits at which a sum saturates: an alarm ends soon after its cause
@@ -99,6 +102,34 @@ _REPETITIONS: Final = 2.5  # bit-identical readings in succession; assumed
 # A sensor of coarse resolution repeats readings in good health; it is not judged. Assumed.
 _LEAST_READINGS: Final = 50
 _LARGEST_SHARE: Final = 1 / 500  # of repetitions among the readings of a sensor that is judged
+
+# A reading without noise: its second difference is below a share of the usual one. Ones with noise
+# count back; the limit is a multiple of the largest sum so far. Assumed.
+_QUIET_SHARE: Final = 1.0 / 16.0  # of the mean square
+_COUNTS_BACK: Final = 4.0
+_TIMES: Final = 4.0
+_LEAST_STEPS: Final = 2.0  # second differences over the resolution where noise makes the readings
+_LEAST_RUN: Final = 10.0
+_LEARNT: Final = 250.0  # readings before the first judgement
+_MOST_LEARNT: Final = 2000.0
+
+_SETTLED_S: Final = 8.0  # from the start on, in which the filter settles
+_HITCH_MEAN: Final = 7.0  # mean of the hitch's whitened innovations in a second, standard normal
+_HITCH_SLIP: Final = 0.045  # [rad] side slip of tractor less that of the trailer, without slopes
+# From dead reckoning: on ground without bumps, and at a learnt factor of roughness of 1
+_POSITION_M: Final = 0.2, 0.1
+_POSITION_S: Final = 10.0  # memory of dead reckoning
+# Of the speed: common to both slips, side slip alone. On tuning seeds, fields without a fault reach
+# 0.9 of the first limit (kayacan2016) and of the second.
+_DRIFT: Final = 0.0095, 0.033
+# On parallel tracks alone a slope across them, a slip along them and a drift are one.
+_HEADING_S: Final = 40.0
+_LEAST_SPREAD: Final = 0.25  # of headings: 0 on parallel tracks, near 1 on a circle
+_ROUGH_S: Final = 30.0  # mean of the learnt roughness
+_DRIFT_S: Final = 5.0  # for which they are averaged
+_SLOPE: Final = 1.55  # least wheel slip on a slope over the side slip
+_MOVING: Final = 0.1  # [m/s]
+_SURE_M: Final = 0.2  # four standard deviations of a position that is known
 
 _INNOVATION: Final = (7.8, 7.8, 8.3, 5.0)  # GNSS, GNSS, hitch, encoder; standard normal equivalents
 _SPAN_S: Final = 1.0  # of positions, and of the innovations that are summed up
@@ -151,6 +182,11 @@ MONITORS: Final = np.dtype(
         # Latest reading: time, repetitions since the last new one, value; all readings in good
         # health, repetitions among them
         ("reading", "f8", (DetectorIndex.STEERING, 7)),
+        # By angle: last value, the one before, mean square of the second differences, their number,
+        # sum of those without noise, largest such sum in good health, largest since it was 0,
+        # mean square of the differences, smallest one: the resolution
+        ("noise", "f8", (3, 9)),
+        ("quiet", "f8", 3),  # that sum over its limit
         ("positions", "f8", (2, 1 + 102, 3)),  # x, y [m] of a second, by receiver
         ("differences", "f8", _DIFFERENCES),  # unsigned, of second order [m]: a ring
         ("difference_count", "f8"),  # of all so far
@@ -177,6 +213,13 @@ MONITORS: Final = np.dtype(
         ("least", "f8", (2, 2, 2)),
         ("steered_s", "f8"),  # last tick of the steering monitors
         ("innovations", "f8", (4, 1 + 102, 3)),  # sum of squares and entries of each tick
+        ("whitened", "f8", (1, 1 + 102, 3)),  # sum of the hitch's innovations, their number
+        ("pose", "f8", 6),  # of the last estimate: time, x, y, yaw, speed, sd of the position
+        ("offset", "f8", 2),  # of the position from dead reckoning [m]
+        ("accepted", "f8", 4),  # disturbances fixed in the map that are true
+        ("drift", "f8"),  # mean of what no slope explains
+        ("heading", "f8", 2),  # mean of a vector at twice the yaw
+        ("rough", "f8"),  # mean of the learnt factor of roughness
         ("workspace", "f8", 102 * 101 // 2),  # slopes of a second; means of the response
     ]
 )
@@ -209,6 +252,8 @@ def new_monitors() -> FloatArray:
     s["reading"][:, 0] = s["steered_s"] = -math.inf
     s["residual"][DetectorIndex.STEERING :] = s["least"][..., 1] = math.nan
     s["valve"] = s["angle"] = s["sample"] = s["reading"][:, 2:5] = math.nan
+    s["pose"] = s["noise"][:, :2] = math.nan
+    s["rough"], s["noise"][:, 8] = 1.0, math.inf
     s["mean"] = s["moved"] = math.inf  # of a valve that has not stood yet
     s["scale"], s["mean_square"] = 1.0, _PLAY_AT_START**2
     return flat
@@ -279,6 +324,125 @@ def _median(values: FloatArray, count: int) -> float:
 
 
 @_compiled
+def _quiet(noise: FloatArray, value: float) -> float:
+    """Return the sum of readings without noise over its limit, after another one."""
+    bend, step = (value - 2.0 * noise[0] + noise[1]) ** 2, abs(value - noise[0])
+    noise[1], noise[0] = noise[0], value
+    if not math.isfinite(bend):
+        return 0.0
+    most = max(_LEAST_RUN, _TIMES * noise[5])
+    judged = noise[3] >= _LEARNT
+    change = 1.0 if bend <= _QUIET_SHARE * noise[2] else -_COUNTS_BACK
+    noise[4] = min(max(0.0, noise[4] + change), _SATURATION * most)
+    if not judged or noise[4] <= _LEAST_RUN:
+        noise[3] = min(noise[3] + 1.0, _MOST_LEARNT)
+        noise[2] += (bend - noise[2]) / noise[3]
+        noise[7] += (step * step - noise[7]) / noise[3]
+    if step > 0.0:
+        noise[8] = min(noise[8], step)
+    noise[6] = max(noise[6], noise[4])
+    if noise[4] == 0.0:
+        if not judged or noise[6] <= most:
+            noise[5] = max(noise[5], noise[6])
+        noise[6] = 0.0
+    judged = judged and noise[2] >= noise[7] and noise[2] >= (_LEAST_STEPS * noise[8]) ** 2
+    return noise[4] / most if judged else 0.0
+
+
+@_compiled
+def _observe_estimate(
+    monitors: FloatArray,
+    now: float,
+    estimate: FloatArray,
+    innovations: FloatArray,
+    alarms: FloatArray,
+) -> None:
+    """Compare the estimate with what a vehicle can do: hitch angle, position."""
+    s, e = record(monitors, MONITORS), record(estimate, ESTIMATE)
+    statistic, residuals, x = s.statistic, s.residual, e.state
+    total, entries = 0.0, 0.0
+    for row in range(len(innovations)):
+        if int(innovations[row, 0]) == SensorIndex.HITCH and math.isfinite(innovations[row, 4]):
+            total += innovations[row, 4]
+            entries += 1.0
+    kept = s.whitened[0]
+    count = _remember(kept, now - _SPAN_S + 1e-6, now if entries else math.nan, total, entries)
+    total, entries = 0.0, 0.0
+    for row in range(1, 1 + count):
+        total += kept[row, 1]
+        entries += kept[row, 2]
+    statistic[DetectorIndex.HITCH] = 0.0
+    gear, slip = math.copysign(1.0, x[6]), e.disturbance[0] - e.disturbance[1]
+    gx, gy = gear * e.map_disturbance[0], gear * e.map_disturbance[1]
+    slip -= gy * (math.cos(x[2]) - math.cos(x[3])) - gx * (math.sin(x[2]) - math.sin(x[3]))
+    if now >= _SETTLED_S and slip == slip:
+        ratio = abs(slip) / _HITCH_SLIP
+        known = (
+            alarms[DetectorIndex.INNOVATIONS, 0] < 0.0
+            and alarms[DetectorIndex.INNOVATIONS + 1, 0] < 0.0
+        )
+        if entries and known:
+            ratio = max(ratio, abs(total) / math.sqrt(entries) / _HITCH_MEAN)
+        statistic[DetectorIndex.HITCH] = ratio
+        residuals[DetectorIndex.HITCH] = ratio
+    if alarms[DetectorIndex.HITCH, 0] >= 0.0:  # for good
+        statistic[DetectorIndex.HITCH] = max(1.0, statistic[DetectorIndex.HITCH])
+
+    held, span_s, last = alarms[DetectorIndex.POSITION, 0] >= 0.0, now - s.pose[0], s.pose
+    yaw, speed, slip = 0.5 * (x[2] + last[3]), 0.5 * (x[6] + last[4]), e.disturbance[0]
+    way = speed * span_s
+    dx = x[0] - last[1] - way * (math.cos(yaw) - slip * math.sin(yaw))
+    dy = x[1] - last[2] - way * (math.sin(yaw) + slip * math.cos(yaw))
+    if span_s > 0.0 and math.isfinite(dx + dy):
+        if span_s <= 1.0:
+            size = math.hypot(dx, dy)
+            share = max(0.0, size - max(0.0, 4.0 * last[5] - _SURE_M)) / max(size, 1e-9)
+            fade = 1.0 if held else math.exp(-span_s / _POSITION_S)
+            s.offset[0] = fade * s.offset[0] + share * dx
+            s.offset[1] = fade * s.offset[1] + share * dy
+        elif not held:
+            s.offset[0] = s.offset[1] = 0.0
+    if math.isfinite(x[0] + x[1] + x[2] + x[6]):
+        if s.heading[0] == 0.0 and s.heading[1] == 0.0:
+            s.heading[0], s.heading[1] = math.cos(2.0 * x[2]), math.sin(2.0 * x[2])
+        last[0], last[1], last[2], last[3], last[4] = now, x[0], x[1], x[2], x[6]
+        last[5] = math.sqrt(max(0.0, e.covariance[0, 0], e.covariance[1, 1]))
+    # The factor follows a fault as it follows a rough field, so that its mean is taken.
+    if e.noise_factors[0] >= 0.0 and 0.0 < span_s <= 1.0 and not held:
+        s.rough += min(1.0, span_s / _ROUGH_S) * (e.noise_factors[0] - s.rough)
+    rough = s.rough
+    size = math.hypot(s.offset[0], s.offset[1])
+    residuals[DetectorIndex.POSITION] = s.present[DetectorIndex.POSITION, 1] = size
+    size /= _POSITION_M[0] + _POSITION_M[1] * math.sqrt(rough)
+    size *= 2.0 if held else 1.0  # what is left of a jump is not believed, either
+    statistic[DetectorIndex.POSITION] = size if now >= _SETTLED_S else 0.0
+
+    # A drift of w changes side and wheel slip by w and -w over the speed, a slope the wheel slip
+    # more than the side slip.
+    sx, sy = e.map_disturbance[0] - s.accepted[0], e.map_disturbance[1] - s.accepted[1]
+    cx, cy = e.map_disturbance[2] - s.accepted[2], e.map_disturbance[3] - s.accepted[3]
+    wx, wy = 0.5 * (sx - cx), 0.5 * (sy - cy)
+    size = math.hypot(wx, wy)
+    along = (wx * (sx + cx) + wy * (sy + cy)) / max(size, 1e-9)
+    drift = size - 0.5 * along
+    if along < 0.0:
+        drift = size + 0.5 * (_SLOPE + 1.0) / (_SLOPE - 1.0) * along
+    share = -(sx * cx + sy * cy) / max(cx * cx + cy * cy, 1e-12)
+    share = min(max(share, 0.0), 1.0 / _SLOPE)
+    side = math.hypot(sx + share * cx, sy + share * cy)
+    ratio = max(drift / math.sqrt(max(1.0, rough)) / _DRIFT[0], side / _DRIFT[1], 0.0)
+    if 0.0 < span_s <= 1.0 and math.isfinite(ratio) and abs(x[6]) > _MOVING:
+        weight = min(1.0, span_s / _HEADING_S)
+        s.heading[0] += weight * (math.cos(2.0 * x[2]) - s.heading[0])
+        s.heading[1] += weight * (math.sin(2.0 * x[2]) - s.heading[1])
+        spread = 1.0 - math.hypot(s.heading[0], s.heading[1])
+        judged = now >= _SETTLED_S and spread >= _LEAST_SPREAD
+        s.drift += min(1.0, span_s / _DRIFT_S) * ((ratio if judged else 0.0) - s.drift)
+    statistic[DetectorIndex.DRIFT] = residuals[DetectorIndex.DRIFT] = s.drift
+    s.present[DetectorIndex.DRIFT, 1] = abs(x[6]) * size * 100.0
+
+
+@_compiled
 def _observe_speeds(
     parameters: FloatArray,
     monitors: FloatArray,
@@ -299,6 +463,8 @@ def _observe_speeds(
             if rows[row, 1] != sensor or not kept[0] < rows[row, 0] < math.inf:
                 continue
             kept[0], same = rows[row, 0], True
+            if SensorIndex.STEERING_TRACTOR <= sensor <= SensorIndex.HITCH:
+                s.quiet[sensor - 2] = _quiet(s.noise[sensor - 2], rows[row, 2])
             for n in range(2, 5):
                 same = same and kept[n] == rows[row, n]
                 kept[n] = rows[row, n]
@@ -312,6 +478,8 @@ def _observe_speeds(
             kept[1] = 0.0
             judged = kept[5] >= _LEAST_READINGS and kept[6] <= _LARGEST_SHARE * kept[5]
         repeated = kept[1] if judged else 0.0
+        if SensorIndex.STEERING_TRACTOR <= sensor <= SensorIndex.HITCH:
+            repeated = max(repeated, limit[sensor] * s.quiet[sensor - 2])
         statistic[sensor] = residuals[sensor] = repeated
         lasts = alarms[sensor, 0] >= 0.0 and repeated >= _ENDS * limit[sensor]
         unused[sensor] = 1.0 if lasts or repeated > limit[sensor] else 0.0
@@ -573,6 +741,7 @@ def observe_monitors(
     rows: FloatArray,
     now: float,
     command: FloatArray,
+    estimate: FloatArray,
     innovations: FloatArray,
     alarms: FloatArray,
 ) -> None:
@@ -583,6 +752,10 @@ def observe_monitors(
     Repetitions: the noise of a sensor that works changes every reading. The samples of a sensor are
     not used while it repeats itself; the first other reading ends the alarm. Samples under an old
     time stamp do not count. The statistic of a sensor that repeats readings in good health is 0.
+    An angle sensor has a sum beside, which a resolution does not switch off: a second difference
+    below a quarter of its usual size adds 1, any other takes 4 off. The limit is four times the
+    largest sum in good health. A sensor whose readings change by steps of its resolution, or with
+    the angle rather than by noise, has none.
 
     Motion, wheels: the speed that the hydrostat's commands ask for, and that of the encoder, in the
     mean of a second against the speed over ground in it. That is the slope of the positions over
@@ -614,17 +787,36 @@ def observe_monitors(
 
         ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)).
 
+    Hitch: the larger of two ratios to their limits. The sum of the whitened innovations of a second
+    over the root of their number is standard normal; it does not count while GNSS contradicts the
+    estimate. The side slip that turns with the tractor, less that of the trailer, is near 0 on any
+    slope, but not with a wrong hitch angle. The sensor is not used again before `resume`.
+
+    Position: the length of the sum of what the estimate moves beside dead reckoning by speed, yaw
+    and side slip, with a memory of 10 s and, once it is an alarm, of any length, so that a jump is
+    not believed because it lasts. What an estimate corrects of the error that it stated before, as
+    after an outage, does not count. The limit grows with the learnt roughness.
+
+    Drift: with a common drift w of both receivers in the map, a speed v and all headings, the
+    filter finds the side slip s = w / v and the wheel slip c = -w / v, both fixed in the map. A
+    slope of the ground has c = -r s with r of 1.55 at least. The statistic is the larger ratio to
+    its limit of |s - c| / 2, less the most that a slope may have of it, and of the distance of s
+    from the side slips of a slope with c. Parallel tracks alone do not tell the two apart; there
+    the statistic is 0, as it is with a tool in the soil.
+
     Args:
         parameters: flat record `MODEL`.
         monitors: flat record `MONITORS`; changes.
         rows: samples (n, `SAMPLE`) that arrived since the tick before, in the order of arrival.
         now: time of the tick [s].
         command: of the period before (3,), NaN where there was none.
+        estimate: record `ESTIMATE` of this tick.
         innovations: of the samples of this tick (n, `INNOVATION`).
-        alarms: rows of `ALARM` entries by `DetectorIndex` (16, 4); change.
+        alarms: rows of `ALARM` entries by `DetectorIndex` (19, 4); change.
     """
     tick = parameters, monitors, rows, now, command, innovations, alarms
     _observe_speeds(*tick)
+    _observe_estimate(monitors, now, estimate, innovations, alarms)
     _observe_steering(*tick)
 
 
@@ -653,12 +845,22 @@ _TABLE += [
     (f"innovations of the {what}", limit, _GO_ON, f"{what} contradicts the estimate")
     for what, limit in zip(_OTHERS, _INNOVATION, strict=True)
 ]
+_TABLE += [
+    ("hitch", 1.0, _GO_ON, "hitch angle contradicts the motion of both bodies: not used"),
+    (
+        "position",
+        1.0,
+        _STOP_ON_PATH,
+        "position is {:.1f} m off dead reckoning",
+    ),
+    ("drift", 1.0, _STOP_ON_PATH, "GNSS drifts by {:.0f} cm/s against the wheels"),
+]
 _NAMES, _LIMITS, _REACTIONS, _REASONS = zip(*_TABLE, strict=True)
 
 
 _SENSORS: Final = tuple(Sensor)  # in the order of `SensorIndex`
 _NOTHING: Final = np.array([-1.0, 0.0, 0.0, 0.0])  # the `ALARM` entries of no alarm
-_SUMS: Final = (math.nan,) * 6 + (_ALLOWANCE,) * 4 + (_MOTION[1], _WHEELS[1]) + (math.nan,) * 4
+_SUMS: Final = (math.nan,) * 6 + (_ALLOWANCE,) * 4 + (_MOTION[1], _WHEELS[1]) + (math.nan,) * 7
 
 
 class Monitors:
@@ -678,7 +880,8 @@ class Monitors:
 
     def warm_up(self) -> None:
         """Compile or load what `observe` needs; changes no later result."""
-        tick = np.empty((0, SAMPLE)), 0.0, np.full(3, math.nan), np.empty((0, INNOVATION))
+        estimate, innovations = np.zeros(ESTIMATE.itemsize // 8), np.empty((0, INNOVATION))
+        tick = np.empty((0, SAMPLE)), 0.0, np.full(3, math.nan), estimate, innovations
         alarms = np.tile(_NOTHING, (_COUNT, 1))
         observe_monitors(monitor_parameters(Vehicle()), self.record.copy(), *tick, alarms)
         for detector in self._own:
@@ -690,6 +893,7 @@ class Monitors:
         rows: FloatArray,
         now: float,
         sent: FloatArray,
+        estimate: FloatArray,
         innovations: FloatArray,
         vehicle: Vehicle,
         view: Callable[[], Estimate],
@@ -700,14 +904,18 @@ class Monitors:
             rows: samples (n, `SAMPLE`) that arrived since the tick before, of sensors that work.
             now: time of the tick, from the first one [s].
             sent: command of the period before (3,), NaN at the first tick.
-            innovations: rows (n, `INNOVATION`) of the estimate.
+            estimate: record `ESTIMATE`.
+            innovations: its rows (n, `INNOVATION`).
             vehicle: present model parameters.
             view: makes the estimate, for detectors of a user.
         """
         if self._count:
             if vehicle is not self._vehicle:
                 self._vehicle, self._parameters = vehicle, monitor_parameters(vehicle)
-            tick = rows, now, sent, innovations, self._rows
+                # A tool in the soil has a side slip of its own.
+                limit = math.inf if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
+                self.record.view(MONITORS)["limit"][0, DetectorIndex.DRIFT] = limit
+            tick = rows, now, sent, estimate, innovations, self._rows
             observe_monitors(self._parameters, self.record, *tick)
         if self._own:
             command = None if math.isnan(sent[0]) else Command(*sent.tolist())
@@ -722,6 +930,13 @@ class Monitors:
                 elif detector.statistic < _ENDS * detector.limit:
                     row[0] = -1.0
         return self._rows
+
+    def resume(self, map_disturbance: FloatArray) -> None:
+        """Take an estimate with these `MapDisturbance` (4,) for true and every sensor for sound."""
+        s = self.record.view(MONITORS)[0]
+        s["pose"], s["offset"], s["whitened"], s["drift"] = math.nan, 0.0, 0.0, 0.0
+        s["accepted"] = map_disturbance
+        self._rows[DetectorIndex.HITCH : self._count] = _NOTHING
 
     @property
     def detectors(self) -> tuple[Detector, ...]:
@@ -754,6 +969,8 @@ class Monitors:
         reason, unused = _REASONS[index].format(*numbers), frozenset[Sensor]()
         if index < DetectorIndex.STEERING:
             unused = frozenset({_SENSORS[index]})
+        elif index == DetectorIndex.HITCH:
+            unused = frozenset({Sensor.HITCH})
         elif index == DetectorIndex.WHEELS and reaction == _GO_ON:
             reason += f", planned {numbers[2]:.2f} m/s: encoder not used"
             unused = frozenset({Sensor.ENCODER})

@@ -390,7 +390,7 @@ class Guidance:
         self._observe(now, usable)
         self._time_s, self._stale = now, 0
         self._alarms = alarms = self._monitors.observe(
-            rows, now, self._sent, self._innovations, self.vehicle, self._seen
+            rows, now, self._sent, self._row, self._innovations, self.vehicle, self._seen
         )
         if alarms.size and alarms[:, 0].max() > Reaction.GO_ON:
             self._learner.forget()
@@ -420,6 +420,20 @@ class Guidance:
         self.tick += 1
         self.reference_tick += not self._supervisor.waits
         return Command(*self._sent.tolist())
+
+    def resume(self) -> None:
+        """Drive on after a stop: an operator has seen that position and vehicle are in order.
+
+        The present estimate is taken for true and a sensor that contradicted it is used again. An
+        alarm whose cause goes on stops the vehicle anew.
+
+        Raises:
+            GuidanceFailed: `update` was not called yet.
+        """
+        if self._origin_s is None:
+            raise GuidanceFailed("resume: call update(time_s, measurements) first")
+        self._monitors.resume(self._row.view(ESTIMATE)[0]["map_disturbance"])
+        self._supervisor.resume()
 
     def _observe(self, now: float, rows: FloatArray) -> None:
         """Run the estimator; a user's gets objects, and its estimate is copied into the record."""

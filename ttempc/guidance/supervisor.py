@@ -581,6 +581,13 @@ class Supervisor:
         self._follow(controller, reference)
         self._guard.view(GUARD)[0]["error"] = math.nan  # to the other reference
 
+    def resume(self) -> None:
+        """Forget stops that are held; what is still wrong stops the vehicle again."""
+        guard = self._guard.view(GUARD)[0]
+        guard["held"], guard["alarm_s"] = -1.0, -math.inf
+        guard["restarts"] = guard["lost"] = 0.0
+        guard["error"] = math.nan
+
     def prepare(self, k: int) -> None:
         """Let the controller prepare tick `k`, where it can, and fill the caches."""
         if isinstance(self._controller, Preparing):

@@ -4,21 +4,21 @@ import math
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
+from scipy.spatial import cKDTree
 
 from ttempc.guidance.detection import Alarm, DetectorIndex, Monitors, Reaction
 from ttempc.types import FloatArray
 
-from ....testbed.recording.channels import STATE
-from ....testbed.recording.record import REACTION, Recorder
+from ....testbed.recording.channels import REFERENCE, STATE
+from ....testbed.recording.record import REACTION, Record, Recorder
 from ...results.statistics import proportion, rate
-from ...results.tracking_errors import tracking_errors
+from ...results.tracking_errors import BODIES
 from ...run.assembly import assemble
 from ...run.simulate import drive_into
 from ...scenario.scenario import load, shipped
@@ -35,43 +35,57 @@ CASES: Final[dict[str, dict[str, Any]]] = tomllib.loads(
 )
 CONTROLLERS: Final = ("ttempc", "pid", "nmpc-rti")
 SEEDS: Final = report_seeds(16)
-_AFTER_S: Final = 40.0  # of the reference, after the fault
+RESOLUTIONS_DEG: Final = (0.0, 0.01, 0.1, 0.25)
+"""Resolutions of the angle sensors; the drives of a case take turns."""
+
 _SHARE: Final = 4  # of the seeds, for rivals: one in four
 _RESULTS: Final = ("carried on", "degraded", "stopped", "lost")
+_STANDS: Final = 0.05  # [m/s]
+_OFF_M: Final = 0.5  # from the path, at which a run that was not stopped counts as fooled
 
 
 def changes(fault: str, start_s: float = START_S) -> tuple[str, ...]:
     """Return the changes of a scenario for a fault of `CASES`, from `start_s` [s] on by default."""
     table = {**CASES[fault], "start_s": CASES[fault].get("start_s", start_s)}
     more = [table.pop("set")] if "set" in table else []
-    keys = ", ".join(f"{key}={value!r}" for key, value in table.items())
-    return (*more, f"faults=[{{{keys}}}]")
+    also = [{**table.pop("also"), "start_s": table["start_s"]}] if "also" in table else []
+    keys = (", ".join(f"{key}={value!r}" for key, value in one.items()) for one in (table, *also))
+    return (*more, f"faults=[{', '.join(f'{{{one}}}' for one in keys)}]")
+
+
+def off_the_path(record: Record, start_s: float) -> float:
+    """Return the largest distance of both axle points from their paths while they move [m]."""
+    state, reference, worst = record[STATE], record[REFERENCE], 0.0
+    rows = (state.time_s >= start_s) & (np.abs(state["v_mps"]) > _STANDS)
+    for body in BODIES.values():
+        path, places = (
+            np.column_stack([table[f"x_{body}_m"], table[f"y_{body}_m"]])
+            for table in (reference, state)
+        )
+        if rows.any():
+            worst = max(worst, float(cKDTree(path).query(places[rows])[0].max()))
+    return worst
 
 
 def outcome(case: Case) -> Row:
-    """Drive until 40 s after the end of the fault, or after its start if it lasts.
+    """Drive to the end of the run.
 
     Returns:
         `result`, time from the start of the fault to the first reaction [s] (NaN: none), and the
-        largest error of both points from its start on [m].
+        largest distance from the path from its start on [m], see `off_the_path`.
     """
     scenario = load(case.scenario, case.overrides)[1]
     assembly, recorder = assemble(scenario, case.seed), Recorder()
-    (fault,) = scenario.faults
-    start_s = fault.start_s or 0.0
-    end_s = start_s + (getattr(fault, "duration_s", None) or 0.0) + _AFTER_S
-    ticks = min(round(end_s / assembly.guidance.period_s), assembly.ticks)
-    ended = drive_into(recorder, replace(assembly, ticks=ticks), prepared=False)
+    start_s = scenario.faults[0].start_s or 0.0
+    ended = drive_into(recorder, assembly, prepared=False)
     record = recorder.record()
     begun = (item.time_s for item in record.events if item.text.startswith(REACTION))
     noticed_s = next((time_s for time_s in begun if time_s >= start_s - 2.0), math.nan) - start_s
     held = "carried on" if math.isnan(noticed_s) else "degraded"
-    errors = tracking_errors(record)
-    both = np.maximum(errors.tractor.euclidean_m, errors.trailer.euclidean_m)
     return {
         "result": held if ended.status == "completed" else ended.status,
         "noticed_s": np.maximum(0.0, noticed_s),
-        "worst_m": float(both[errors.time_s >= start_s].max()),
+        "worst_m": off_the_path(record, start_s),
     }
 
 
@@ -81,12 +95,16 @@ def fault_cases(seeds: Sequence[int]) -> list[Case]:
         Case(
             "grass",
             seed,
-            (*changes(fault), f'controller.name="{controller}"'),
+            (
+                *changes(fault),
+                f'controller.name="{controller}"',
+                f"sensors.angle_resolution_deg={RESOLUTIONS_DEG[n % len(RESOLUTIONS_DEG)]}",
+            ),
             {"controller": controller, "fault": fault},
         )
         for controller in CONTROLLERS
         for fault in CASES
-        for seed in (seeds if controller == CONTROLLERS[0] else seeds[::_SHARE])
+        for n, seed in enumerate(seeds if controller == CONTROLLERS[0] else seeds[::_SHARE])
     ]
 
 
@@ -96,10 +114,13 @@ def fault_tables(runs: pd.DataFrame) -> str:
     for own in groups(runs, ["controller"]):
         cells = {"fault": label("fault"), **{name: _share(name) for name in _RESULTS}}
         cells["noticed after [s]"] = _spread("noticed_s", 1)
-        cells["worst error [m]"] = _spread("worst_m", 2)
+        cells["off the path [m]"] = _spread("worst_m", 2)
+        fooled = own[(own["result"] != "stopped") & (own["worst_m"] > _OFF_M)]
+        names = ", ".join(f"{name}: {n}" for name, n in Counter(fooled["fault"]).items()) or "none"
         parts += [
             f"`{own['controller'].iloc[0]}`, {own['seed'].nunique()} seeds:",
             grouped(own, ["fault"], cells),
+            f"Completed or lost, and more than {_OFF_M} m off the path: {names}.",
         ]
     return "\n\n".join(parts)
 

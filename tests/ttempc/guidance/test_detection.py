@@ -17,7 +17,8 @@ from ttempc.guidance.detection import (
     Reaction,
     _median,
 )
-from ttempc.layout import innovation_rows, measurements_of, sample_rows
+from ttempc.layout import estimate_row, innovation_rows, measurements_of, sample_rows
+from ttempc.models.augmented_state import SensorIndex
 from ttempc.types import Command, Estimate, Innovation, Measurement, Sensor
 from ttempc.vehicle import Vehicle
 
@@ -38,7 +39,8 @@ def observed(monitors, seen):
     sent = np.full(3, math.nan) if seen.command is None else seen.command.as_array()
     innovations = innovation_rows(seen.estimate.innovations)
     rows, view = sample_rows(seen.samples), lambda: seen.estimate
-    monitors.observe(rows, seen.time_s, sent, innovations, seen.vehicle, view)
+    row = estimate_row(seen.estimate)
+    monitors.observe(rows, seen.time_s, sent, row, innovations, seen.vehicle, view)
     return monitors.alarms
 
 
@@ -273,3 +275,129 @@ def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
             first.setdefault(alarm.detector, ((k - 100) * PERIOD_S, alarm.reaction))
     assert 0.0 < first[standstill][0] <= 1.0 < first[follows][0]
     assert first[standstill][1] is Reaction.SLOW
+
+
+@pytest.mark.parametrize(
+    ("resolution_deg", "noise_deg"), [(0.0, 0.02), (0.01, 0.0), (0.1, 0.0), (0.25, 0.0), (0.1, 0.1)]
+)
+def test_an_angle_that_has_lost_its_noise_is_not_used(resolution_deg, noise_deg):
+    """A sensor of 1 deg noise, stuck from 60 s on; with less than a tenth of its noise at most."""
+    rng, monitor = np.random.default_rng(9), Watched(SensorIndex.HITCH)
+    step, first = math.radians(resolution_deg), None
+    for k in range(1, 320):
+        stuck = k >= 300
+        noise = noise_deg if stuck else 1.0
+        values = rng.normal(0.1 if stuck else 0.2 * math.sin(0.04 * k), math.radians(noise), 5)
+        if step and not stuck:
+            values = step * np.round(values / step)
+        alarm = monitor.alarm(k, readings(k, values))
+        first = first or (k if alarm else None)
+    assert 300 < first <= 310
+    assert alarm.unused == {Sensor.HITCH}
+
+
+def test_a_sensor_that_is_quiet_by_nature_is_used():
+    """Noise of 0.02 deg at a resolution of 0.1 deg: readings change where the angle does."""
+    rng, monitor = np.random.default_rng(10), Watched(SensorIndex.HITCH)
+    step = math.radians(0.1)
+    for k in range(1, 1000):
+        angle = 0.2 * max(0.0, math.sin(0.03 * k))
+        values = step * np.round(rng.normal(angle, math.radians(0.02), 5) / step)
+        assert monitor.alarm(k, readings(k, values)) is None
+
+
+def estimates(k, x, slips=(0.0,) * 4, yaw=0.0, slip_t=0.0, whitened=()):
+    """Return an observation of an estimate that moves east at 1 m/s and has some slips."""
+    state = np.array([x, 0.0, yaw, yaw, 0.0, 0.0, 1.0])
+    disturbance = np.array([slip_t, 0.0, 0.0, 0.0, 0.0])
+    given = [Innovation(Sensor.HITCH, z * z, 1, True, (z,), 0.0) for z in whitened]
+    estimate = Estimate(
+        k * PERIOD_S,
+        state,
+        1e-4 * np.eye(7),
+        np.zeros(2),
+        0.0,
+        disturbance,
+        tuple(given),
+        np.array(slips),
+    )
+    return Observation(k * PERIOD_S, (), None, estimate, VEHICLE)
+
+
+def first_alarm(index, ticks, make):
+    """Return the tick of the first alarm of a detector over some estimates, and the monitors."""
+    monitors, first = Monitors(), None
+    name = monitors.detectors[index].name
+    for k in range(ticks):
+        alarms = observed(monitors, make(k))
+        if any(alarm.detector == name for alarm in alarms):
+            first = k if first is None else first
+    return first, monitors
+
+
+@pytest.mark.parametrize(("jump_m", "noticed"), [(0.1, False), (0.5, True), (3.0, True)])
+def test_a_jump_is_not_believed_until_an_operator_says_so(jump_m, noticed):
+    def make(k):
+        return estimates(k, k * PERIOD_S + (jump_m if k >= 100 else 0.0))
+
+    first, monitors = first_alarm(DetectorIndex.POSITION, 1000, make)
+    assert first == (100 if noticed else None)
+    assert bool(monitors.alarms) is noticed
+    monitors.resume(np.zeros(4))
+    assert not observed(monitors, make(1000))
+
+
+def test_a_position_that_was_uncertain_may_come_back():
+    """After an outage that the estimate knows of, its correction is no jump."""
+    monitors = Monitors()
+    for k in range(200):
+        seen = estimates(k, k * PERIOD_S + (0.4 if k >= 100 else 0.0))
+        seen.estimate.covariance[:2, :2] *= 400.0 if 50 <= k < 100 else 1.0
+        assert not observed(monitors, seen)
+
+
+def circle(k):
+    return 0.03 * k
+
+
+@pytest.mark.parametrize(
+    ("slips", "noticed"),
+    [
+        ((-0.02, 0.0, 0.04, 0.0), False),  # a slope: wheel slip uphill, side slip downhill
+        ((0.0, -0.05, 0.0, 0.09), False),
+        ((0.0, 0.0, 0.02, 0.0), False),  # a soft side of the field
+        ((0.015, 0.0, -0.015, 0.0), True),  # a drift of 1.5 cm/s at 1 m/s
+        ((0.0, -0.04, 0.0, 0.005), True),
+    ],
+)
+def test_a_drift_is_a_slip_that_no_slope_has(slips, noticed):
+    def make(k):
+        return estimates(k, 0.0, slips, circle(k))
+
+    first, monitors = first_alarm(DetectorIndex.DRIFT, 600, make)
+    assert (first is not None) is noticed
+    if noticed:
+        monitors.resume(np.array(slips))
+        again = [observed(monitors, make(k)) for k in range(600, 900)]
+        assert not any(a.detector == "drift" for alarms in again for a in alarms)
+    along = first_alarm(DetectorIndex.DRIFT, 600, lambda k: estimates(k, 0.0, slips, 0.0))
+    assert along[0] is None
+
+
+@pytest.mark.parametrize("how", ["innovations", "slip"])
+def test_a_hitch_sensor_that_contradicts_is_not_used_again(how):
+    """The mean of whitened innovations, and a side slip of one body alone, both from 20 s on."""
+    rng = np.random.default_rng(11)
+
+    def make(k):
+        wrong = 100 <= k < 110
+        mean = 3.0 if wrong and how == "innovations" else 0.0
+        slip = 0.1 if wrong and how == "slip" else 0.0
+        return estimates(k, k * PERIOD_S, slip_t=slip, whitened=rng.normal(mean, 1.0, 5))
+
+    first, monitors = first_alarm(DetectorIndex.HITCH, 400, make)
+    assert 100 <= first <= 105
+    (alarm,) = (alarm for alarm in monitors.alarms if alarm.detector == "hitch")
+    assert alarm.unused == {Sensor.HITCH}
+    monitors.resume(np.zeros(4))
+    assert not monitors.alarms
