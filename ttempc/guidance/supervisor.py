@@ -501,8 +501,8 @@ class Supervisor:
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
       hold there. A vehicle that starts beside its path may be as far off as its turn back takes
       it; as it comes in, this room goes down to the limits and never up again.
-    - A controller whose predicted path leaves the corridor: half speed until it does not, or until
-      the vehicle lags a metre behind its time-based reference, with which it catches up later.
+    - A controller whose plan leaves the corridor or its hitch angle: half speed until it does not,
+      or until the vehicle lags a metre behind its time-based reference, with which it catches up later.
     - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
       nearest tick of the reference.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
@@ -728,7 +728,8 @@ class Supervisor:
         if mode == HOLD:
             return said
         if reason == CORRIDOR:
-            said = f"corridor cannot be kept: half speed until {LAG_M:g} m behind the reference"
+            said = "corridor cannot be kept, or the hitch angle's bound: half speed until "
+            said += f"{LAG_M:g} m behind the reference"
         elif reason:
             said += ": half speed"
         jump = float(t["jump_m"])

@@ -63,10 +63,10 @@ class MpcOptions(HorizonTuning):
     # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction
     step_weight: tuple[float, ...] = (0.3, 0.1, 0.1)
     # [rad], [rad], fraction
-    input_bound: tuple[float, ...] = (math.radians(20.0), math.radians(20.0), 0.5)
+    input_bound: tuple[float, ...] = (math.radians(25.0), math.radians(20.0), 0.5)
     # tau of y + tau y', which is in the place of the cross-track errors y in the cost while the
     # vehicle enters its line from beside it; of an NMPC always [s]
-    damping_s: float = 1.0
+    damping_s: float = 1.3
 
     def __post_init__(self) -> None:
         HorizonTuning.__post_init__(self)

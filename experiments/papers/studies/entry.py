@@ -1,4 +1,4 @@
-"""Entry into a straight line from beside it, and the hitch angle: controllers over a grid of starts.
+"""Entry into a straight line from beside it, and the hitch angle, over a grid of starts.
 
 The overshoot of a drive is judged against its floor: the largest distance of a point from the line
 on the same drive without an offset.
@@ -18,7 +18,7 @@ from ...scenario.scenario import load
 from ..study import Case, Row, Study, summary_row
 from ..tables import Cell, grouped, label, numbers
 
-_SEEDS: Final = tuple(range(9501, 9521))  # tuned on 1 to 14
+_SEEDS: Final = tuple(range(9501, 9507))  # tuned on 1 to 14
 STARTS: Final = (
     *((-1, 0), (2, 0), (2, -35), (-1.5, 20)),  # along the line, towards it
     *((1, 35), (-1.5, -35), (2, 20), (-2, -35)),  # away from it
@@ -26,14 +26,16 @@ STARTS: Final = (
 )
 """Offset to the left [m], heading counter-clockwise [deg]."""
 _ENTRIES: Final = 8  # starts that are judged by their overshoot
+_WET: Final = ("terrain.iso_class=\"E\"", "terrain.slope_rad=0.15", "soil.cone_index_kpa=300")
 GROUNDS: Final = {
     "grass": (),
-    "wet slope": ("terrain.iso_class=E", "terrain.slope_rad=0.15", "soil.cone_index_kpa=300"),
+    "wet slope": _WET,
+    "grass, reverse": ("path.reverse=true",),
+    "wet slope, reverse": ("path.reverse=true", *_WET),
 }
 CONTROLLERS: Final = {
     "`ttempc`": (),
     "same, `tightening = none`": ("controller.options.tightening=none",),
-    "same, `damping_s = 0`": ("controller.options.damping_s=0",),
     "`nmpc-rti`": ("controller.name=nmpc-rti", "controller.options.damping_s=1"),
     "`lqr`": ("controller.name=lqr",),
     "`pid`": ("controller.name=pid",),
