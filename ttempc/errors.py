@@ -45,6 +45,10 @@ class InvalidTime(TtempcError):
     """A time stamp that is not finite or runs backwards; the message gives both times."""
 
 
+class InvalidSamples(TtempcError):
+    """Rows of samples have another shape, or a sensor's number that does not exist."""
+
+
 class GuidanceFailed(TtempcError):
     """A controller or an estimator raised, or returned what cannot be used.
 

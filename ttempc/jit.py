@@ -5,6 +5,7 @@ import functools
 import hashlib
 import inspect
 import logging
+import math
 import os
 from collections.abc import Callable
 from enum import EnumType
@@ -13,13 +14,16 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 import numba
 import numpy as np
-from numba.core import event
+from numba.core import cgutils, event, typed_passes, types, untyped_passes
 from numba.core.caching import FunctionCache
+from numba.core.compiler import CompilerBase
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 from numba.core.types import ExternalFunction
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 _LOG: Final = logging.getLogger("ttempc")
 
@@ -37,6 +41,36 @@ if hasattr(os, "register_at_fork"):
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_PASSES: Final = (
+    untyped_passes.TranslateByteCode,
+    untyped_passes.FixupArgs,
+    untyped_passes.IRProcessing,
+    untyped_passes.DeadBranchPrune,  # where an argument is None
+    untyped_passes.InlineInlinables,
+    untyped_passes.ReconstructSSA,
+    typed_passes.NopythonTypeInference,
+    typed_passes.PreLowerStripPhis,
+    typed_passes.IRLegalization,
+    typed_passes.AnnotateTypes,
+    typed_passes.NativeLowering,
+    typed_passes.NoPythonBackend,
+)
+
+
+class _Compiler(CompilerBase):
+    """numba's compiler without passes for what no kernel has: they take a tenth of the time.
+
+    Closures, expressions of whole arrays, `with` and `raise`.
+    """
+
+    def define_pipelines(self) -> list[PassManager]:
+        """Return the passes."""
+        passes = PassManager("kernel")
+        for each in _PASSES:
+            passes.add_pass(each, each.__name__)
+        passes.finalize()
+        return [passes]
+
 
 def cached_njit(
     **options: Any,  # noqa: ANN401 - of numba
@@ -51,7 +85,7 @@ def cached_njit(
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:
-        every: Any = {"no_cfunc_wrapper": True} | options
+        every: Any = {"no_cfunc_wrapper": True, "pipeline_class": _Compiler} | options
         kernel: Any = numba.njit(**every)(function)
         if kernel is not function:  # it is under NUMBA_DISABLE_JIT
             try:
@@ -81,6 +115,29 @@ def record(_, row, kind):  # noqa: ANN001, ANN201
         return builder.bitcast(array.data, context.get_value_type(of))
 
     return of(row, kind), code
+
+
+@_intrinsic(prefer_literal=True)
+def local(_, shape):  # noqa: ANN001, ANN201
+    """Return an array of float64 of a constant `shape` in the frame of the call, with any content.
+
+    Nothing is allocated or counted. It must not be returned.
+    """
+    kind, sizes = types.Array(types.float64, len(shape), "C"), [n.literal_value for n in shape]
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401
+        number, array = context.get_data_type(types.float64), context.make_array(kind)
+        data = cgutils.alloca_once(builder, number, math.prod(sizes))
+        made, item = array(context, builder), context.get_constant(types.intp, 8)
+        lengths = [context.get_constant(types.intp, n) for n in sizes]
+        strides = [
+            context.get_constant(types.intp, 8 * math.prod(sizes[n + 1 :]))
+            for n in range(len(sizes))
+        ]
+        populate_array(made, data, lengths, strides, item, None)
+        return made._getvalue()
+
+    return kind(shape), code
 
 
 class Compilation(event.TimingListener):

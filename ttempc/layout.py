@@ -11,6 +11,7 @@ from typing import Final, overload
 
 import numpy as np
 
+from .errors import InvalidSamples
 from .types import Estimate, FloatArray, Innovation, Measurement, Sensor
 
 SAMPLE: Final = 5
@@ -35,12 +36,30 @@ _KINDS: Final = {
 _WRONG: Final = (np.nan, np.nan, np.nan)  # a value that no estimator takes
 
 
-def sample_rows(samples: Sequence[Measurement]) -> FloatArray:
+def sample_rows(samples: Sequence[Measurement] | FloatArray) -> FloatArray:
     """Return the rows (n, `SAMPLE`) of samples, in their order.
 
     Samples of unknown sensors are left out. A value with another number of components than those
-    of its sensor becomes NaN.
+    of its sensor becomes NaN. Samples may be given as such rows, which are checked.
+
+    Raises:
+        InvalidSamples: rows of another shape, or with a number that is none of `SensorIndex`.
     """
+    if isinstance(samples, np.ndarray):
+        if samples.dtype.kind not in "fiu" or samples.ndim != 2 or samples.shape[1] != SAMPLE:
+            raise InvalidSamples(
+                f"samples: got {samples.dtype} of shape {samples.shape}, must be numbers of shape "
+                f"(n, {SAMPLE})"
+            )
+        given = np.ascontiguousarray(samples, float)
+        sensor = given[:, 1]
+        known = (sensor >= 0.0) & (sensor < len(_SENSORS)) & (sensor == np.floor(sensor))
+        if not known.all():
+            raise InvalidSamples(
+                f"samples: sensor {sensor[~known][0]:g} in row {int(np.argmin(known))}, must be a "
+                f"whole number from 0 to {len(_SENSORS) - 1}"
+            )
+        return given
     rows = []
     for sample in samples:
         if sample.sensor in _KINDS:

@@ -27,7 +27,7 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from ttempc.jit import cached_njit
+from ttempc.jit import cached_njit, record
 from ttempc.types import FloatArray
 
 Place = Literal["open-sky", "wood", "street"]
@@ -124,7 +124,7 @@ def advance(
         travelled: since the epoch before [m], forward and back.
         out: (6,) x and y [m] of tractor and trailer, then their states; written.
     """
-    s = state.view(STATE)[0]
+    s = record(state, STATE)
     later = min(time_s - s.time_s, 1e6)
     s.time_s = time_s
     # exact step of x'' + 2 x' + x = noise over u, stationary with variances 1, 1:

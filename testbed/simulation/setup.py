@@ -82,8 +82,7 @@ class TickContext:
     """Data of one control period; a stage reads what earlier stages left and adds its own.
 
     `now` is the plant at the last of the `moments`, which are those since the previous tick, at
-    their physics `steps`. `measurements` and `control` are views, made
-    when someone asks for them.
+    their physics `steps`. `measurements` and `control` are views, made when someone asks for them.
     """
 
     def __init__(self, setup: SimulationSetup) -> None:

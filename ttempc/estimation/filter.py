@@ -7,7 +7,7 @@ Of arrays (4, ...) the first entry is a value, the others are its derivatives by
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..errors import InvalidTuning
-from ..jit import cached_njit
+from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE, FLOAT
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
@@ -76,14 +76,10 @@ FILTER: Final = np.dtype(
         ("patience", "f8", _SENSORS),  # for which the gate may reject a sensor [s]
         ("gates", "f8", _SENSORS),  # of the normalised squared innovation
         ("heights", "f8", 2),  # of the antennas above the axle points [m]
-        ("dead_times", "f8", _INPUTS),  # [s]
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
         ("keeps_all", "f8"),  # 1: a moment for each time of a sample
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
-        # `WIDTH`. Kernels read it: loops over a constant would be unrolled before they can become
-        # vector instructions, which takes four times as long.
-        ("width", "i8"),
         ("side_per_slope", "f8"),  # side slip on a slope [rad/rad]
     ]
 )
@@ -147,15 +143,18 @@ def predict(
     acts before the step, half after it. The lower rows of Phi are diagonal, most entries of its
     seven upper rows are 0.
     """
-    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    f, now = record(parameters, FILTER), record(moment, MOMENT)
     vehicle, fading = parameters[:FADING], parameters[FADING : FADING + 2 * (SIZE - STATES)]
     x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
-    transition = np.empty((SIZE, WIDTH))
-    noise = np.empty((_LEVELS, WIDTH))  # half of it
-    upper = np.empty((_LEVELS, STATES, WIDTH))  # the upper rows of Phi P
-    columns = np.zeros((SIZE, 2 * WIDTH))  # their columns, all levels side by side
-    corner, change = np.empty((STATES, 2 * WIDTH)), np.empty((_LEVELS, STATES))
-    middle, fade = np.empty(STATES), np.zeros(WIDTH)
+    transition = local((SIZE, WIDTH))
+    noise = local((_LEVELS, WIDTH))  # half of it
+    upper = local((_LEVELS, STATES, WIDTH))  # the upper rows of Phi P
+    columns = local((SIZE, _CROSS))  # their columns, all levels side by side
+    corner, change = local((STATES, _CROSS)), local((_LEVELS, STATES))
+    middle, fade = local((STATES,)), local((WIDTH,))
+    clear_row(fade, 0)
+    for k in range(2 * SIZE):
+        clear_row(columns, k * WIDTH)
     step_s = span_s / steps
     for _ in range(steps):
         for i in range(STATES):
@@ -286,11 +285,11 @@ def correct(
     `rows` (8, 2, 24) are workspace, and have G' in rows[1] and L (diagonal, entry below, diagonal)
     in rows[7, 1] afterwards.
     """
-    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    f, now = record(parameters, FILTER), record(moment, MOMENT)
     gate = f.gates[sensor]
     reading, jacobian = rows[7, 0], rows[0]
     cross, half = rows[1:5], rows[5]  # H P and its derivatives; W'
-    spread = rows[6].reshape((12, _LEVELS))  # H P H' and its derivatives: (0, 0), (1, 0), (1, 1)
+    spread = local((5, _LEVELS))  # H P H' and its derivatives: (0, 0), (1, 0), (1, 1)
     slope = spread[3:5]  # derivatives of the innovation
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
     size = measure(sensor, x, parameters[:FADING], second, reading, jacobian)
@@ -410,7 +409,7 @@ def _weigh(
     parameters: FloatArray, moment: FloatArray, sample: FloatArray, rows: FloatArray
 ) -> tuple[float, float, float, float]:
     """Correct a moment by a sample (7,) of its time; note whether it was accepted in the sample."""
-    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    f, now = record(parameters, FILTER), record(moment, MOMENT)
     time_s, sensor = sample[0], int(sample[1])
     body = sensor - _UNWEIGHED
     first, second, variance = sample[2], sample[3], f.variances[sensor]
@@ -470,15 +469,15 @@ def acting(
     sent, and its inputs, NaN where one is not known. The first was sent before, too. Each input
     acts its own dead time later (`Vehicle.dead_times`).
     """
-    dead_times = parameters.view(FILTER)[0].dead_times
     until_s = math.inf
     for j in range(_INPUTS):
+        dead_time = parameters[VehicleParameter.DEAD_TIME_T + j]
         n = 0
-        while n < count - 1 and commands[n, 0] + dead_times[j] <= time_s + SAME_TIME_S:
+        while n < count - 1 and commands[n, 0] + dead_time <= time_s + SAME_TIME_S:
             n += 1
         command[j] = commands[n, 1 + j]
         if n < count - 1:
-            until_s = min(until_s, commands[n, 0] + dead_times[j])
+            until_s = min(until_s, commands[n, 0] + dead_time)
     return until_s
 
 
@@ -490,8 +489,8 @@ def predict_until(
 
     The commands are as in `acting`. Where one is not known, that steering or the speed is constant.
     """
-    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
-    command = np.empty(_INPUTS)
+    f, now = record(parameters, FILTER), record(moment, MOMENT)
+    command = local((_INPUTS,))
     while until_s - now.time_s > SAME_TIME_S:
         end_s = acting(parameters, commands, count, now.time_s, command)
         if end_s >= until_s - SAME_TIME_S:
@@ -546,8 +545,8 @@ def observe_filter(
     readings, whatever the time in between. It keeps the factors of the noise, and the disturbances,
     faded as if the vehicle had kept its speed, with the variances of a start.
     """
-    f, h = parameters.view(FILTER)[0], history.view(HISTORY)[0]
-    width, ring, spare = f.width, len(moments) - 1, moments[len(moments) - 1]
+    f, h = record(parameters, FILTER), record(history, HISTORY)
+    ring, spare = len(moments) - 1, moments[len(moments) - 1]
     entries = moments.shape[1]
     earliest, latest = now_s - f.memory_s - SAME_TIME_S, now_s + SAME_TIME_S
 
@@ -567,7 +566,7 @@ def observe_filter(
             last = moments[(h.begin + h.moments - 1) % ring]
             for i in range(entries):
                 spare[i] = last[i]
-            kept, span_s = spare.view(MOMENT)[0], abs(now_s - newest_s)
+            kept, span_s = record(spare, MOMENT), abs(now_s - newest_s)
             travel = abs(kept.augmented[0, AugmentedState.RIM]) * span_s
             rates = parameters[FADING : FADING + 2 * (SIZE - STATES)]
             for i in range(SIZE - STATES):
@@ -584,14 +583,16 @@ def observe_filter(
         commands[h.commands - 1, 1 + j] = command[j]
 
     # Headings of both bodies for the antennas: before the start the line between them
-    yaw = np.zeros(2)
+    yaw = local((2,))
+    yaw[0] = yaw[1] = 0.0
     begin_s = -math.inf
     if h.moments:
         begin_s = moments[h.begin % ring, 0]
         last = moments[(h.begin + h.moments - 1) % ring]
         yaw[0], yaw[1] = last[AUGMENTED + State.PSI_T], last[AUGMENTED + State.PSI_I]
     elif f.heights[0] > 0.0 or f.heights[1] > 0.0:
-        place = np.full((2, 2), math.nan)
+        place = local((2, 2))
+        place[0, 0] = place[0, 1] = place[1, 0] = place[1, 1] = math.nan
         for n in range(h.samples + len(rows)):
             row = samples[n] if n < h.samples else rows[n - h.samples]
             if 0.0 <= row[1] < 2.0 and not math.isnan(row[2] + row[3]):
@@ -604,9 +605,6 @@ def observe_filter(
     since_s = math.inf
     for imus in range(1, -1, -1):
         for n in range(len(rows)):
-            if not 0.0 <= rows[n, 1] < _SENSORS:
-                innovations[n, 2] = 0.0
-                continue
             time_s, sensor = rows[n, 0], int(rows[n, 1])
             if (sensor >= _UNWEIGHED) != (imus == 1):
                 continue
@@ -660,7 +658,7 @@ def observe_filter(
         while moments[(h.begin + h.moments - 1) % ring, 0] >= since_s:
             h.moments -= 1
         now = moments[(h.begin + h.moments - 1) % ring]
-        workspace, start_s, kept_s = np.empty((8, 2, width)), now[0], now[0]
+        workspace, start_s, kept_s = local((8, 2, WIDTH)), now[0], now[0]
         for k in range(h.samples):
             sample = samples[k]
             if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
@@ -700,8 +698,9 @@ def observe_filter(
                     samples[count, j] = samples[k, j]
                 count += 1
         h.samples = count
-    longest_s = max(f.dead_times[0], f.dead_times[1], f.dead_times[2])
-    count = 0
+    longest_s, count = 0.0, 0
+    for j in range(_INPUTS):
+        longest_s = max(longest_s, parameters[VehicleParameter.DEAD_TIME_T + j])
     for k in range(h.commands):
         if commands[k, 0] >= oldest_s - longest_s:
             for j in range(4):
@@ -709,7 +708,7 @@ def observe_filter(
             count += 1
     h.commands = count
 
-    e = estimate.view(ESTIMATE)[0]
+    e = record(estimate, ESTIMATE)
     if not h.moments:
         for i in range(len(estimate)):
             estimate[i] = math.nan
@@ -734,10 +733,9 @@ def observe_filter(
 @cached_njit(error_model="numpy")
 def write_moment(parameters: FloatArray, moment: FloatArray, estimate: FloatArray) -> None:
     """Write what an `ESTIMATE` has from a `MOMENT`; nothing came in at it."""
-    f, now, e = parameters.view(FILTER)[0], moment.view(MOMENT)[0], estimate.view(ESTIMATE)[0]
+    f, now, e = record(parameters, FILTER), record(moment, MOMENT), record(estimate, ESTIMATE)
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
-    covariance = moment[COVARIANCE : COVARIANCE + SIZE * WIDTH].reshape((SIZE, WIDTH))
-    write_estimate(x, covariance, parameters[:FADING], estimate)
+    write_estimate(x, now.covariances[0], parameters[:FADING], estimate)
     for i in range(STATES):
         e.covariance[i, i] += f.unfollowed[i]
     rim = now.augmented[0, AugmentedState.RIM]
@@ -850,32 +848,11 @@ def filter_parameters(
         f["patience"][: SensorIndex.GNSS_TRAILER + 1] = _LONGER_S
     f["gates"] = [float(chdtri(m, gate_probability)) for m in lengths.values()]
     f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
-    f["dead_times"], f["memory_s"] = vehicle.dead_times, memory_s
+    f["memory_s"] = memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
-    f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
-    f["keeps_all"], f["width"] = keeps_all, WIDTH
+    # The slip behind `slip_forward` is white in the model, and correlated over `bump_m` in truth.
+    # Of variance s^2 and autocorrelation exp(-|x| / l) it has the density 2 l s^2 (Gelb 1974, 3.6).
+    f["fast_speed"] = process.slip_forward**2 / (2.0 * process.bump_m)
+    f["keeps_all"] = keeps_all
     f["side_per_slope"] = process.side_per_slope
     return flat
-
-
-HeldCommands = list[tuple[float, FloatArray | None]]
-"""End time [s] and value (3,) of each of the commands held one after the other; the first one was
-held before, too. NaN where an input's command is not known; None where none is."""
-
-
-def after_dead_times(
-    sent: Sequence[tuple[float, FloatArray | None]], vehicle: Vehicle
-) -> HeldCommands:
-    """Return what acts on `vehicle` until the end of the newest of the commands `sent`."""
-    dead_times = vehicle.dead_times
-    if not sent or not dead_times.any():
-        return list(sent)
-    ends_s = np.array([end_s for end_s, _ in sent])
-    unknown = np.full(len(Input), np.nan)
-    values = np.array([unknown if command is None else command for _, command in sent])
-    changes_s = np.unique(np.append(ends_s[:, None] + dead_times, ends_s[-1]))
-    changes_s = changes_s[changes_s <= ends_s[-1]]
-    # What acts just before a change was sent a dead time earlier.
-    index = np.searchsorted(ends_s, changes_s[:, None] - dead_times - SAME_TIME_S)
-    acting = values[index, range(len(Input))]
-    return list(zip(changes_s.tolist(), acting, strict=True))

@@ -189,7 +189,7 @@ class Guidance:
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
             your own.
         detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
-            your own beside them.
+            your own, which run beside the built-in ones and do not replace them.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -368,9 +368,10 @@ class Guidance:
 
         Raises:
             InvalidTime: `time_s` is not finite or before that of the last update.
+            InvalidSamples: rows of another shape, or of a sensor that does not exist.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
-        rows = measurements if isinstance(measurements, np.ndarray) else sample_rows(measurements)
+        rows = sample_rows(measurements)
         if not math.isfinite(time_s):
             raise InvalidTime(f"update: time_s = {time_s}, must be finite")
         if self._origin_s is None:

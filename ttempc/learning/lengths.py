@@ -15,9 +15,8 @@ from ..estimation.filter import (
     FADING,
     FILTER,
     MOMENT,
+    SAME_TIME_S,
     VALVES,
-    HeldCommands,
-    after_dead_times,
     correct,
     filter_parameters,
     first_moment,
@@ -60,7 +59,7 @@ def replay(
     Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
     of the sample, command (3,) of the span, number of integration steps, block. `parameters` and
     `moment` are those of the filter; a sample beyond its gate is used with its noise raised until
-    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 11) their
+    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 15) their
     parameters. J' J and J' r of the whitened innovations r and their derivatives J by the steps of
     the parameters are added to `normal` (p, p) and, by block, to `gradients` (blocks, p).
     """
@@ -289,25 +288,26 @@ class _Replay:
         heights = noise.antenna_height_t, noise.antenna_height_i
         samples, counts = _means(axle_points(flat.samples, headings, heights))
         ticks = flat.ticks[~np.isnan(flat.ticks[:, COMMAND]).any(axis=1)]
-        sent: HeldCommands = list(zip(ticks[:, TIME].tolist(), ticks[:, COMMAND], strict=True))
+        ends, sent, dead_times = ticks[:, TIME], ticks[:, COMMAND], vehicle.dead_times
         of_sensor = [samples[samples[:, 1] == index] for index in KERNEL_INDEX.values()]
-        if len(sent) < 2 or not all(map(len, of_sensor)):
+        if len(ends) < 2 or not all(map(len, of_sensor)):
             return None
-        ends, commands = map(np.array, zip(*after_dead_times(sent, vehicle), strict=True))
-        begin = max(ends[0], *(own[0, 0] for own in of_sensor))
+        begin = max(ends[0] + dead_times.min(), *(own[0, 0] for own in of_sensor))
         first = measurements_of(np.array([own[own[:, 0] <= begin][-1] for own in of_sensor]))
         rest = samples[(samples[:, 0] > begin) & (samples[:, 0] <= ends[-1])]
         if not len(rest) or ends[-1] - rest[0, 0] < _LEAST_S:
             return None
-        # Samples and ends of commands in order of time, a sample before an end
-        ends, commands = ends[1:], commands[1:]
-        times = np.append(rest[:, 0], later := ends[ends > begin])
+        # Samples and changes of what acts in order of time, a sample before a change
+        changes = np.unique(np.append(ends[:, None] + dead_times, ends[-1]))
+        later = changes[(changes > begin) & (changes <= ends[-1])]
+        times = np.append(rest[:, 0], later)
         order = np.argsort(times, kind="stable")
         events = np.zeros((len(times), 9))
         events[:, 0] = np.append(rest[:, 1], np.full(len(later), -1.0))[order]
         events[:, 1] = spans = np.diff(times[order], prepend=begin)
         events[:, 2:4] = np.append(rest[:, 2:4], np.zeros((len(later), 2)), axis=0)[order]
-        events[:, 4:7] = commands[np.searchsorted(ends, times[order])]
+        was_sent_s = times[order][:, None] - dead_times - SAME_TIME_S
+        events[:, 4:7] = sent[np.searchsorted(ends, was_sent_s), range(len(dead_times))]
         events[:, 7] = [steps_over(span) for span in spans.tolist()]
         events[:, 8] = (times[order] - begin) // _BLOCK_S
         return cls({reading.sensor: reading for reading in first}, events, counts, noise, process)

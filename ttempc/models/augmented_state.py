@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from ..errors import UnknownSensor
-from ..jit import cached_njit
+from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
@@ -58,6 +58,7 @@ class AugmentedState(IntEnum):
 
 STATES: Final = len(State)
 SIZE: Final = len(AugmentedState)
+_DISTURBANCES: Final = SIZE - STATES
 _OF_MAP: Final = len(MapDisturbance)
 
 DISTURBANCE_BOUND: Final[FloatArray] = np.array(
@@ -108,9 +109,9 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (11,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (15,).
     """
-    e = estimate.view(ESTIMATE)[0]
+    e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_i, rim = x[AugmentedState.DELTA_I], x[AugmentedState.RIM]
     gx, gy = x[AugmentedState.SIDE_X], x[AugmentedState.SIDE_Y]
@@ -180,6 +181,10 @@ class VehicleParameter(IntEnum):
     STEERING_RATE_T = 8
     STEERING_RATE_I = 9
     TRAILER_TURNING_OFFSET = 10
+    DEAD_TIME_T = 11
+    DEAD_TIME_I = 12
+    DEAD_TIME_HP = 13
+    REVERSE = 14  # 1 or 0
 
 
 class SensorIndex(IntEnum):
@@ -196,8 +201,11 @@ class SensorIndex(IntEnum):
 
 
 def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (11,), SI units."""
-    return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (15,), SI units."""
+    return np.array([getattr(vehicle, name) for name in _PARAMETERS], dtype=float)
+
+
+_PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
 
 
 @cached_njit(error_model="numpy")
@@ -355,10 +363,9 @@ def move_augmented_state(
         after = min(max(command[i], valves[i] - reach), valves[i] + reach)
         inputs[i] = 0.5 * (valves[i] + after)
         valves[i] = after
-    stage_x = np.empty(len(x))
-    for i in range(len(x)):
+    stage_x, rates = local((SIZE,)), local((4, STATES))
+    for i in range(SIZE):
         stage_x[i] = middle[i] = x[i]
-    rates = np.empty((4, STATES))
     state_rate(x, inputs, parameters, rates[0])
     for stage in range(3):
         duration = step_s if stage == 2 else 0.5 * step_s
@@ -390,13 +397,14 @@ def advance_augmented_state(
     `transition` (24, 24), contiguous, is the exponential of the Jacobian in the middle of the step.
     `x` may have entries beside.
     """
-    middle, inputs, faded = np.empty(len(x)), np.empty(3), np.empty(SIZE - STATES)
+    middle, inputs, faded = local((SIZE,)), local((3,)), local((_DISTURBANCES,))
     move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
-    jacobian = np.empty((STATES, WIDTH))
+    jacobian = local((STATES, WIDTH))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
     # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
-    previous, diagonal = np.empty((STATES, WIDTH)), np.zeros(WIDTH)
+    previous, diagonal = local((STATES, WIDTH)), local((WIDTH,))
+    clear_row(diagonal, 0)
     for i in range(SIZE):
         clear_row(transition, i * WIDTH)
         transition[i, i] = 1.0
