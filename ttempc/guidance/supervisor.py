@@ -502,7 +502,7 @@ class Supervisor:
       hold there. A vehicle that starts beside its path may be as far off as its turn back takes
       it; as it comes in, this room goes down to the limits and never up again.
     - A controller whose plan leaves the corridor or its hitch angle: half speed until it does not,
-      or until the vehicle lags a metre behind its time-based reference, with which it catches up later.
+      or until the vehicle lags a metre behind its time-based reference, which it reaches later.
     - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
       nearest tick of the reference.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the

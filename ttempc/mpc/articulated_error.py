@@ -218,7 +218,7 @@ def damped(a: FloatArray, outputs: FloatArray, period_s: float, damping_s: float
 HITCH: Final = np.eye(_N)[State.PSI_T] - np.eye(_N)[State.PSI_I] - np.eye(_N)[State.DELTA_I]
 """Row from the error z_e to that of the hitch angle, beta = psi_t - psi_i - delta_i."""
 _HITCH_PENALTY: Final = 1000.0  # of a hitch angle beyond its bound [1/rad]; assumed
-_HELD_SHARE: Final = 0.5  # of `held_lambda`, that plans in reverse may take; assumed
+_HELD_SHARE: Final = 0.4  # of `held_lambda`, that plans in reverse may take; assumed
 _ROOM: Final = math.radians(3.0)  # beyond the reference that a bound leaves at least; assumed
 
 
@@ -260,7 +260,7 @@ def hitch_bounds(
     the angle by `limit` - sin `limit` at most while it is within the limit. That is taken off as
     well.
 
-    In reverse the trailer folds by itself. The bound is then on lambda = beta + delta_i, half of
+    In reverse the trailer folds by itself. The bound is then on lambda = beta + delta_i, a share of
     `held_lambda` of the front steering `delta_t` that the plan may take: what remains turns lambda
     back. |beta| is at most that and the bound of delta_i.
 
