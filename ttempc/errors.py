@@ -46,7 +46,7 @@ class InvalidTime(TtempcError):
 
 
 class InvalidSamples(TtempcError):
-    """Rows of samples have another shape, or a sensor's number that does not exist."""
+    """Samples that are none: of another shape or sensor, or not made of numbers."""
 
 
 class GuidanceFailed(TtempcError):

@@ -6,6 +6,7 @@ with names and words, `Estimate` and `Diagnostics`, are made where somebody look
 """
 
 import math
+from array import array
 from collections.abc import Iterator, Sequence
 from typing import Final, overload
 
@@ -43,7 +44,8 @@ def sample_rows(samples: Sequence[Measurement] | FloatArray) -> FloatArray:
     of its sensor becomes NaN. Samples may be given as such rows, which are checked.
 
     Raises:
-        InvalidSamples: rows of another shape, or with a number that is none of `SensorIndex`.
+        InvalidSamples: rows of another shape, or with a number that is none of `SensorIndex`; a
+            sample whose time or value are no numbers, or whose sensor is no name.
     """
     if isinstance(samples, np.ndarray):
         if samples.dtype.kind not in "fiu" or samples.ndim != 2 or samples.shape[1] != SAMPLE:
@@ -60,14 +62,20 @@ def sample_rows(samples: Sequence[Measurement] | FloatArray) -> FloatArray:
                 f"whole number from 0 to {len(_SENSORS) - 1}"
             )
         return given
-    rows = []
-    for sample in samples:
-        if sample.sensor in _KINDS:
-            kind, length, fill = _KINDS[sample.sensor]
-            fill = (float(sample.status),) if length == 2 else fill
-            value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
-            rows.append((sample.time_s, kind, *value))
-    return np.array(rows, dtype=float).reshape(-1, SAMPLE)
+    rows = array("d")  # which takes numbers only
+    try:
+        for sample in samples:
+            if sample.sensor in _KINDS:
+                kind, length, fill = _KINDS[sample.sensor]
+                fill = (sample.status,) if length == 2 else fill
+                value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
+                rows.extend((sample.time_s, kind, *value))
+            elif not isinstance(sample.sensor, str):
+                raise TypeError(f"sensor is {type(sample.sensor).__name__}")
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
+        must = "must be a sequence of Measurement(time_s, sensor, (value, ...))"
+        raise InvalidSamples(f"measurements: {error}; {must}") from None
+    return np.array(rows).reshape(-1, SAMPLE)
 
 
 def measurements_of(rows: FloatArray) -> list[Measurement]:

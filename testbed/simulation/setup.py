@@ -26,7 +26,6 @@ class SimulationSetup:
     plant: Plant
     sensors: SensorSuite
     guidance: VehicleGuidance
-    bounds: FloatArray  # (2, 3) smallest and largest command, for the log
     sink: Sink
     reference: FloatArray  # (n, len(REFERENCE.fields)) one row every `record_steps`
     control_steps: int  # physics steps in a control period

@@ -33,7 +33,6 @@ from ..types import (
 )
 from ..vehicle import Vehicle
 from .filter import (
-    COMPLETE,
     HELD,
     HISTORY,
     MOMENT,
@@ -107,7 +106,6 @@ class ExtendedKalmanFilter:
         self.parameters = filter_parameters(
             vehicle, sensors, process, gate_probability, memory_s, keeps_all
         )
-        self._keeps_all = keeps_all
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
         self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.empty((32, 4))
@@ -144,7 +142,7 @@ class ExtendedKalmanFilter:
         self.reserve(len(rows))
         estimate, innovations = np.empty(_ESTIMATE_SIZE), np.zeros((len(rows), INNOVATION))
         tick = time_s, command, estimate
-        if observe_filter(self.parameters, *self._state, rows, *tick, innovations) == COMPLETE:
+        if observe_filter(self.parameters, *self._state, rows, *tick, innovations):
             self.start()
             observe_filter(self.parameters, *self._state, rows[:0], *tick, innovations[:0])
         return estimate, innovations
@@ -156,7 +154,7 @@ class ExtendedKalmanFilter:
         """
         history, moments, samples, commands = self._state
         h = history.view(HISTORY)[0]
-        more, ring = rows + 1 if self._keeps_all else 16, len(moments) - 1
+        more, ring = max(16, rows + 1), len(moments) - 1
         if h["moments"] + more > ring:
             order = (h["begin"] + np.arange(ring)) % ring
             larger = np.empty((2 * ring + more + 1, ROW))

@@ -19,7 +19,6 @@ from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE, FLOAT
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
-    GYROS,
     INITIAL_SD,
     LENGTH,
     SIZE,
@@ -120,9 +119,6 @@ HISTORY: Final = np.dtype(
 HELD: Final = 7
 """Entries of a sample in memory: those of `SAMPLE`, whether the filter accepted it, and the row in
 which it came at this update, else -1."""
-
-UNKNOWN, ESTIMATED, COMPLETE = 0, 1, 2
-"""Results of `observe_filter`: not started; estimated; not started with readings of all sensors."""
 
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 
@@ -519,7 +515,7 @@ def observe_filter(
     command: FloatArray,
     estimate: FloatArray,
     innovations: FloatArray,
-) -> int:
+) -> bool:
     """Take in the samples `rows` of a tick, and write the estimate at `now_s`.
 
     Args:
@@ -535,8 +531,9 @@ def observe_filter(
         estimate: `ESTIMATE`.
         innovations: rows (n, `INNOVATION`) of the samples, of dimension 0 where there is none.
 
-    The arrays need space for all rows, see `ExtendedKalmanFilter`. Returns `UNKNOWN`, `ESTIMATED`
-    or `COMPLETE`: then the caller may write the first moment, and update to the same time again.
+    The arrays need space for all rows, see `ExtendedKalmanFilter`. Returns whether the filter has
+    not started and has a reading of every sensor: then the caller may write the first moment, and
+    update to the same time again.
 
     A late sample takes the filter back to the last moment before it; all samples from there on are
     processed again in the order of their times. The result depends neither on the order of arrival
@@ -713,21 +710,21 @@ def observe_filter(
         for i in range(len(estimate)):
             estimate[i] = math.nan
         e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
-        return COMPLETE if present & 63 == 63 else UNKNOWN
+        return present & 63 == 63
     if now_s - now[0] > SAME_TIME_S:
         for i in range(entries):
             spare[i] = now[i]
         now = spare
         predict_until(parameters, now, commands, h.commands, now_s)
     write_moment(parameters, now, estimate)
-    e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
+    e.time_s = now_s
     for n in range(len(innovations)):
         if innovations[n, 2] > 0.0 and innovations[n, 1] < math.inf:
             e.nis += innovations[n, 1]
             e.nis_dof += innovations[n, 2]
             if innovations[n, 0] < 2.0:
                 e.position_seen = max(e.position_seen, innovations[n, 3])
-    return ESTIMATED
+    return False
 
 
 @cached_njit(error_model="numpy")
@@ -835,7 +832,7 @@ def filter_parameters(
         raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")
     if not 0.0 < gate_probability < 1.0:
         raise InvalidTuning(f"gate_probability: got {gate_probability}, must be in (0, 1)")
-    lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
+    lengths = {sensor: LENGTH.get(sensor, 1) for sensor in Sensor}  # of a gyro, its yaw rate
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
     f["vehicle"] = vehicle_parameters(vehicle)

@@ -115,9 +115,9 @@ _MOST_LEARNT: Final = 2000.0
 
 _SETTLED_S: Final = 8.0  # from the start on, in which the filter settles
 _HITCH_MEAN: Final = 7.0  # mean of the hitch's whitened innovations in a second, standard normal
-_HITCH_SLIP: Final = 0.045  # [rad] side slip of tractor less that of the trailer, without slopes
+_HITCH_SLIP: Final = 0.032  # [rad] side slip of tractor less that of the trailer, without slopes
 # From dead reckoning: on ground without bumps, and at a learnt factor of roughness of 1
-_POSITION_M: Final = 0.2, 0.1
+_POSITION_M: Final = 0.25, 0.12
 _POSITION_S: Final = 10.0  # memory of dead reckoning
 # Of the speed: common to both slips, side slip alone. On tuning seeds, fields without a fault reach
 # 0.9 of the first limit (kayacan2016) and of the second.
@@ -342,12 +342,22 @@ def _observe_estimate(
     """Compare the estimate with what a vehicle can do: hitch angle, position."""
     s, e = record(monitors, MONITORS), record(estimate, ESTIMATE)
     statistic, residuals, alarms, x = s.statistic, s.residual, s.alarms, e.state
-    total, entries = 0.0, 0.0
+    # Where a receiver or a steering angle contradicts the estimate, the hitch need not be wrong.
+    total, entries, known = 0.0, 0.0, True
+    for index in range(DetectorIndex.STEERING, DetectorIndex.MOTION):
+        known = known and alarms[index, 0] < 0.0
+    for index in range(DetectorIndex.INNOVATIONS, DetectorIndex.INNOVATIONS + 2):
+        known = known and alarms[index, 0] < 0.0
     for row in range(len(innovations)):
-        if int(innovations[row, 0]) == SensorIndex.HITCH and math.isfinite(innovations[row, 4]):
+        sensor = int(innovations[row, 0])
+        if sensor == SensorIndex.HITCH and math.isfinite(innovations[row, 4]):
             total += innovations[row, 4]
             entries += 1.0
+        elif SensorIndex.STEERING_TRACTOR <= sensor < SensorIndex.HITCH:
+            known = known and (innovations[row, 2] == 0.0 or innovations[row, 3] > 0.0)
     kept = s.whitened[0]
+    if not known:
+        kept[0, 0], entries = 0.0, 0.0
     count = _remember(kept, now - _SPAN_S + 1e-6, now if entries else math.nan, total, entries)
     total, entries = 0.0, 0.0
     for row in range(1, 1 + count):
@@ -359,11 +369,7 @@ def _observe_estimate(
     slip -= gy * (math.cos(x[2]) - math.cos(x[3])) - gx * (math.sin(x[2]) - math.sin(x[3]))
     if now >= _SETTLED_S and slip == slip:
         ratio = abs(slip) / _HITCH_SLIP
-        known = (
-            alarms[DetectorIndex.INNOVATIONS, 0] < 0.0
-            and alarms[DetectorIndex.INNOVATIONS + 1, 0] < 0.0
-        )
-        if entries and known:
+        if entries:
             ratio = max(ratio, abs(total) / math.sqrt(entries) / _HITCH_MEAN)
         statistic[DetectorIndex.HITCH] = ratio
         residuals[DetectorIndex.HITCH] = ratio
@@ -766,9 +772,10 @@ def observe_monitors(
         ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)).
 
     Hitch: the larger of two ratios to their limits. The sum of the whitened innovations of a second
-    over the root of their number is standard normal; it does not count while GNSS contradicts the
-    estimate. The side slip that turns with the tractor, less that of the trailer, is near 0 on any
-    slope, but not with a wrong hitch angle. The sensor is not used again before `resume`.
+    over the root of their number is standard normal; it does not count while GNSS or a steering
+    angle contradicts the estimate. The side slip that turns with the tractor, less that of the
+    trailer, is near 0 on any slope, but not with a wrong hitch angle. The sensor is not used again
+    before `resume`.
 
     Position: the length of the sum of what the estimate moves beside dead reckoning by speed, yaw
     and side slip, with a memory of 10 s and, once it is an alarm, of any length, so that a jump is

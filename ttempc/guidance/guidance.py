@@ -367,12 +367,16 @@ class Guidance:
                 rows (n, 5) of `ttempc.layout.SAMPLE` entries.
 
         Raises:
-            InvalidTime: `time_s` is not finite or before that of the last update.
-            InvalidSamples: rows of another shape, or of a sensor that does not exist.
+            InvalidTime: `time_s` is no finite number or before that of the last update.
+            InvalidSamples: rows of another shape, a sensor that does not exist, what is no number.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
         rows = sample_rows(measurements)
-        if not math.isfinite(time_s):
+        try:
+            finite = math.isfinite(time_s)
+        except (OverflowError, TypeError) as error:
+            raise InvalidTime(f"update: time_s: {error}, must be a finite number") from None
+        if not finite:
             raise InvalidTime(f"update: time_s = {time_s}, must be finite")
         if self._origin_s is None:
             self._origin_s = time_s

@@ -28,7 +28,7 @@ from ..jit import cached_njit
 from ..layout import FLOAT, SAMPLE, measurements_of
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
-    KERNEL_INDEX,
+    LENGTH,
     SIZE,
     STATES,
     SensorIndex,
@@ -162,11 +162,8 @@ class LengthIdentifier:
     on which horizontal distances are shorter, and tyres that slip sideways, in furrows most.
     """
 
-    def __init__(
-        self, vehicle: Vehicle, noise: SensorNoise, process: ProcessNoise | None = None
-    ) -> None:
-        self._given = vehicle
-        self._noise, self._process = noise, process or ProcessNoise.of(vehicle)
+    def __init__(self, vehicle: Vehicle, noise: SensorNoise) -> None:
+        self._given, self._noise, self._process = vehicle, noise, ProcessNoise.of(vehicle)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""
@@ -289,7 +286,7 @@ class _Replay:
         samples, counts = _means(axle_points(flat.samples, headings, heights))
         ticks = flat.ticks[~np.isnan(flat.ticks[:, COMMAND]).any(axis=1)]
         ends, sent, dead_times = ticks[:, TIME], ticks[:, COMMAND], vehicle.dead_times
-        of_sensor = [samples[samples[:, 1] == index] for index in KERNEL_INDEX.values()]
+        of_sensor = [samples[samples[:, 1] == index] for index in range(len(LENGTH))]
         if len(ends) < 2 or not all(map(len, of_sensor)):
             return None
         begin = max(ends[0] + dead_times.min(), *(own[0, 0] for own in of_sensor))
@@ -405,8 +402,8 @@ def _means(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     has for its sensor, so that its variance is known; what is left over at a gap is dropped, and so
     are float solutions.
     """
-    result, counts = [np.empty((0, SAMPLE))], np.ones(len(KERNEL_INDEX))
-    for index in KERNEL_INDEX.values():
+    result, counts = [np.empty((0, SAMPLE))], np.ones(len(LENGTH))
+    for index in range(len(LENGTH)):
         usable = np.isfinite(rows).all(axis=1) & (rows[:, 4] != FLOAT)
         own = rows[(rows[:, 1] == index) & usable]
         own = own[np.unique(own[:, 0], return_index=True)[1]]

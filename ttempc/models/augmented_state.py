@@ -507,13 +507,9 @@ LENGTH: Final = {
     Sensor.HITCH: 1,
     Sensor.ENCODER: 1,
 }
-"""Entries of a sample of each sensor with a model; estimators ignore the samples of all others."""
+"""Entries of a sample of each sensor with a model, in the order of `SensorIndex`.
 
-KERNEL_INDEX: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in LENGTH}
-"""`SensorIndex` of each of these sensors as a plain number, which numba compiles once."""
-
-GYROS: Final = {s: int(SensorIndex[s.name]) for s in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)}
-"""`SensorIndex` of the sensors whose yaw rate the filter uses where they are there."""
+Estimators ignore the samples of all others, but for the yaw rates of IMUs."""
 
 ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
 """Sensors whose readings are angles, equal modulo a turn."""
@@ -532,7 +528,6 @@ def predicted_measurement(
     if sensor not in LENGTH:
         raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
     reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
-    m = measure(
-        KERNEL_INDEX[sensor], augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian
-    )
+    index = int(SensorIndex[sensor.name])  # a plain number, for which `measure` is compiled
+    m = measure(index, augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian)
     return reading[:m], jacobian[:m]

@@ -49,10 +49,6 @@ class AncillaryWeights:
         """Return all weights in the order of the fields, (12,)."""
         return np.array([*self.outputs, *self.states, *self.inputs])
 
-    def with_inputs_times(self, factors: FloatArray) -> AncillaryWeights:
-        """Return the same with the weights of the inputs times `factors` (3,)."""
-        return AncillaryWeights.of(self.flat * np.concatenate([np.ones(9), factors]))
-
     @classmethod
     def of(cls, flat: FloatArray) -> AncillaryWeights:
         """Return the weights from `flat` (12,), the reverse of `AncillaryWeights.flat`."""
@@ -76,39 +72,27 @@ def gain_schedule(
         raise InvalidTube(f"no ancillary gain minimises {weights}: {reason}") from None
 
 
-@dataclass(frozen=True)
-class InputMargin:
-    """Distances of the feedforward from the limits of the inputs."""
-
-    amplitudes: FloatArray  # (T, m) to the nearer limit
-    step: FloatArray  # (m,) largest change in a period
-
-    @classmethod
-    def of(cls, feedforward: FloatArray, limits: CommandLimits) -> InputMargin:
-        """Return the margin between `feedforward` (T, m) and `limits`."""
-        return cls(np.minimum(limits.upper - feedforward, feedforward - limits.lower), limits.step)
-
-
 def search_weights(
     a: FloatArray,
     b: FloatArray,
     c: FloatArray,
     disturbance: DisturbanceSet,
-    margin: InputMargin,
+    feedforward: FloatArray,
+    limits: CommandLimits,
     reserve: FloatArray,
-    start: AncillaryWeights | None = None,
 ) -> AncillaryWeights:
     """Return weights whose tube is narrow across the track, at T stationary motions.
 
     `search_tube` minimises the largest cross-track half width of the two axle points. The other
     half widths enter with a small weight. Penalties keep free the `reserve` (m,) of each input, a
-    fifth of the hydrostat's margin, and a tenth of every change in a period. A (T, n, n), B and C
-    hold one motion each; `start` is by default that of the shipped tubes.
+    fifth of the hydrostat's margin between feedforward (T, m) and limits, and a tenth of every
+    change in a period. A (T, n, n), B and C hold one motion each. The search starts at the weights
+    of the shipped tubes.
 
     Raises:
         InvalidTube: no weights give a tube.
     """
-    amplitudes = margin.amplitudes - reserve
+    amplitudes = np.minimum(limits.upper - feedforward, feedforward - limits.lower) - reserve
     amplitudes[:, Input.HP] *= _HYDROSTAT_SHARE
     amplitudes = np.maximum(amplitudes, 1e-3)
 
@@ -122,12 +106,12 @@ def search_weights(
         outputs = candidate.outputs
         cross = outputs[:, _CROSS]
         amplitude = np.maximum(candidate.inputs / amplitudes - 1.0, 0.0).sum()
-        rate = np.maximum(candidate.rates / (_RATE_SHARE * margin.step) - 1.0, 0.0).sum()
+        rate = np.maximum(candidate.rates / (_RATE_SHARE * limits.step) - 1.0, 0.0).sum()
         others = _SECONDARY * cross.sum() + _SECONDARY * outputs.max()
         return float(cross.max() + _PENALTY * (amplitude + rate) + others)
 
-    first = np.array(_START) if start is None else start.flat
-    return AncillaryWeights.of(search_tube(system_of, cost, disturbance, first, _EVALUATIONS))
+    start = np.array(_START)
+    return AncillaryWeights.of(search_tube(system_of, cost, disturbance, start, _EVALUATIONS))
 
 
 _N = len(State)
@@ -378,7 +362,7 @@ def steered_system(
         factors = np.where(rates.max(axis=(0, 1)) > most, 2.0, 1.0)
         if np.all(factors == 1.0) or max(weights.inputs) > _LARGEST_WEIGHT:
             return system, inputs, rates, hitch
-        weights = weights.with_inputs_times(factors)
+        weights = AncillaryWeights.of(weights.flat * np.append(np.ones(9), factors))
 
 
 def _reservable(lower: FloatArray, upper: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ STARTS: Final = (
 )
 """Offset to the left [m], heading counter-clockwise [deg]."""
 _ENTRIES: Final = 8  # starts that are judged by their overshoot
-_WET: Final = ("terrain.iso_class=\"E\"", "terrain.slope_rad=0.15", "soil.cone_index_kpa=300")
+_WET: Final = ('terrain.iso_class="E"', "terrain.slope_rad=0.15", "soil.cone_index_kpa=300")
 GROUNDS: Final = {
     "grass": (),
     "wet slope": _WET,

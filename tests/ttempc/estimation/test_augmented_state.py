@@ -15,10 +15,10 @@ from ttempc.estimation import filter as kernels
 from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ttempc.models.augmented_state import (
     INITIAL_SD,
-    KERNEL_INDEX,
     LENGTH,
     SIZE,
     AugmentedState,
+    SensorIndex,
     advance_augmented_state,
     predicted_measurement,
     state_rate,
@@ -162,7 +162,7 @@ class Plain:
         kernels.predict(self.parameters, self.row, command, span_s, kernels.steps_over(span_s))
 
     def correct(self, sample):
-        index = KERNEL_INDEX[sample.sensor]
+        index = int(SensorIndex[sample.sensor.name])
         value, variance = (sample.value[0], sample.value[-1]), self.variance[index]
         rows = np.empty((8, 2, WIDTH))
         return kernels.correct(
