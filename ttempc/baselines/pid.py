@@ -30,7 +30,7 @@ class PidOptions:
     least_speed_mps: float = 0.3
     # Largest heading at which the tractor approaches its path from beside [deg]: a cross-track
     # error counts up to that which asks for it, and the integral grows within it alone. Assumed
-    capture_deg: float = 45.0
+    capture_deg: float = 20.0
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 
     def __post_init__(self) -> None:

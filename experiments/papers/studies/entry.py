@@ -18,7 +18,7 @@ from ...scenario.scenario import load
 from ..study import Case, Row, Study, summary_row
 from ..tables import Cell, grouped, label, numbers
 
-_SEEDS: Final = tuple(range(9501, 9507))  # tuned on 1 to 14
+_SEEDS: Final = tuple(range(9501, 9503))  # tuned on 1 to 14
 STARTS: Final = (
     *((-1, 0), (2, 0), (2, -35), (-1.5, 20)),  # along the line, towards it
     *((1, 35), (-1.5, -35), (2, 20), (-2, -35)),  # away from it
@@ -36,7 +36,11 @@ GROUNDS: Final = {
 CONTROLLERS: Final = {
     "`ttempc`": (),
     "same, `tightening = none`": ("controller.options.tightening=none",),
-    "`nmpc-rti`": ("controller.name=nmpc-rti", "controller.options.damping_s=1"),
+    "same, `damping_s = 2`": (
+        "controller.options.tightening=none",
+        "controller.options.damping_s=2",
+    ),
+    "`nmpc-rti`": ("controller.name=nmpc-rti", "controller.options.damping_s=2"),
     "`lqr`": ("controller.name=lqr",),
     "`pid`": ("controller.name=pid",),
 }
