@@ -273,7 +273,10 @@ def articulated_controller(
     front = options.input_bound[Input.DELTA_T]
     soft = hitch_bounds(course.grid, course.vehicle, limit, spread, front).beside(soft)
     entry = damped(a, c, period_s, options.damping_s)
+    # the rows that change: along a long reference these matrices are the largest
+    a, b = a[:, : len(State)].copy(), b[:, : len(State)].copy()
     horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, entry)
+    del a, b, c, entry
     law = law_of(kind, course.grid.state, course.feedforward, course.vehicle, **parts)
     return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))
 

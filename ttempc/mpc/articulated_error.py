@@ -123,11 +123,11 @@ def error_dynamics(
 
 
 def _slopes(reference: Reference, period_s: float, ticks: int) -> tuple[FloatArray, FloatArray]:
-    """Return dA/dt (N, 16, 16) and dB/dt (N, 16, 3) of `error_dynamics` in the map frame."""
+    """Return the rows of dA/dt (N, 7, 16), dB/dt (N, 7, 3) of `error_dynamics`, map frame."""
     vehicle, parameters = reference.vehicle, vehicle_parameters(reference.vehicle)
     middle = reference.at((np.arange(ticks) + 0.5) * period_s)
     gains = map_gains(middle, vehicle)
-    slope_a, slope_b = np.zeros((ticks, _SIZE, _SIZE)), np.zeros((ticks, _SIZE, _M))
+    slope_a, slope_b = np.zeros((ticks, _N, _SIZE)), np.zeros((ticks, _N, _M))
     # of the filter's model without disturbances, where the speed over ground is that of the rims
     x, jacobian, by_disturbance = np.zeros(WIDTH), np.empty((_N, WIDTH)), np.zeros((_N, _D))
     d, length_i = vehicle.drawbar_length, vehicle.trailer_length + vehicle.trailer_turning_offset

@@ -356,7 +356,8 @@ class CondensedHorizon(Shared):
     it comes (`condense`).
 
     Args:
-        a: A (N, n, n), with `b` B (N, n, m); entries of z after the r-th are constant.
+        a: A (N, n, n), with `b` B (N, n, m); entries of z after the r-th are constant: the first r
+            rows of both are enough.
         outputs: C (N + 1, p, n), of the entries up to the r-th; without them, the outputs are the
             states.
         bounds: (N, m) each, in addition to those of the tuning.
@@ -382,7 +383,7 @@ class CondensedHorizon(Shared):
         soft: OutputBounds | None = None,
         damped: FloatArray | None = None,
     ) -> None:
-        n, m = b.shape[1:]
+        n, m = a.shape[2], b.shape[2]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
         horizon, moves, p = tuning.horizon, tuning.moves, c.shape[1]
         self.ticks, self.solver, self.horizon = len(a) - horizon + 1, tuning.solver, horizon
@@ -391,7 +392,7 @@ class CondensedHorizon(Shared):
                 f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
                 f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
-        changes = (a != np.eye(n)).any(axis=(0, 2)) | b.any(axis=(0, 2))
+        changes = (a != np.eye(*a.shape[1:])).any(axis=(0, 2)) | b.any(axis=(0, 2))
         r = int(np.flatnonzero(changes).max(initial=0)) + 1
         bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
         none = np.zeros((0, 0, r))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from functools import reduce
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from .sets import DisturbanceSet
 from .tube import TrackingSystem, Tube, feedback_gains, invariant_tube, reach_backwards, search_tube
 
 _CROSS = (1, 3)  # cross-track errors among the outputs x_t, y_t, x_i, y_i
+_BLOCK = 1024  # ticks at a time: a long reference needs little memory beside the result
 _EVALUATIONS = 700  # of each simplex, at most
 _START = (0.1, 2.5, 0.05, 2.5, 0.01, 0.01, 0.01, 0.01, 0.01, 0.3, 1.5, 0.9)  # weights
 _HYDROSTAT_SHARE = 0.8  # largest share of the hydrostat's margin that the tube may take
@@ -327,9 +329,11 @@ class GrowingTube:
         free = stage_bounds(tuning, design.period_s, len(a), remaining_bounds(feedforward, limits))
         reserve = np.minimum(inputs, _reservable(free.lower, free.upper))
         of_rates = np.minimum(rates, _reservable(free.step_lower, free.step_upper))
-        bounds = horizon_bounds(free, reserve, of_rates, tuning.moves)
         spread = hitch.max(axis=1) + design.estimate_error.support(HITCH[None])
-        return cls(system.gains, reserve, bounds, spread)
+        gains = system.gains
+        del system, inputs, rates, hitch  # large along a long reference
+        bounds = horizon_bounds(free, reserve, of_rates, tuning.moves)
+        return cls(gains, reserve, bounds, spread)
 
 
 def steered_system(
@@ -382,11 +386,11 @@ def reachable_inputs(
     hitch = np.broadcast_to(HITCH, (len(gains), 1, _N))
     rows = np.concatenate([gains, hitch, gains], axis=1)  # on m(k): inputs, hitch, rates
     half = np.zeros((horizon, *rows.shape[:2]))
-    backwards = reach_backwards(
-        system, disturbance, np.arange(len(gains)), rows, rates=slice(m + 1, None)
-    )
-    for j, (completed, energy, _) in zip(range(1, horizon), backwards, strict=False):
-        half[j] = completed + disturbance.reach(energy)
+    for first in range(0, len(gains), _BLOCK):
+        at = np.arange(first, min(first + _BLOCK, len(gains)))
+        backwards = reach_backwards(system, disturbance, at, rows[at], rates=slice(m + 1, None))
+        for j, (completed, energy, _) in zip(range(1, horizon), backwards, strict=False):
+            half[j, at] = completed + disturbance.reach(energy)
     return half[..., :m], half[..., m + 1 :], half[..., m]
 
 
@@ -416,12 +420,13 @@ def horizon_bounds(
         window = slice(stage, stage + ticks)
         return values[window] + less[stage, window]
 
-    lower = [at(free.lower, reserve, j) for j in range(horizon)]
-    upper = [at(free.upper, -reserve, j) for j in range(horizon)]
+    first, held, taken = range(moves - 1), range(moves - 1, horizon), -reserve
+    low = reduce(np.maximum, (at(free.lower, reserve, j) for j in held))
+    high = reduce(np.minimum, (at(free.upper, taken, j) for j in held))
+    lower = [*(at(free.lower, reserve, j) for j in first), low]
+    upper = [*(at(free.upper, taken, j) for j in first), high]
     step_lower = [at(free.step_lower, of_rates, j) for j in range(moves)]
     step_upper = [at(free.step_upper, -of_rates, j) for j in range(moves)]
-    low, high = np.maximum.reduce(lower[moves - 1 :]), np.minimum.reduce(upper[moves - 1 :])
-    lower[moves - 1], upper[moves - 1] = low, high
     for j in range(moves - 2, -1, -1):  # the inputs of stage j from which the plan can go on
         low = np.maximum(lower[j], low - step_upper[j + 1])
         high = np.minimum(upper[j], high - step_lower[j + 1])
