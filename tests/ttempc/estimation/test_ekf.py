@@ -317,6 +317,35 @@ def test_a_position_moves_by_the_lever_arm_turned_by_yaw_pitch_and_roll(body, gn
         np.testing.assert_allclose(point[2:4], (5.0, 3.0), atol=1e-12)
 
 
+@pytest.mark.parametrize("yaw", [0.3, -2.0])
+def test_roll_and_pitch_move_the_slip_that_is_fixed_in_the_map(yaw):
+    """At rest no sample tells of slip: k (pitch e(psi) - roll n(psi)), smoothed over 0.5 s."""
+    gain, roll, pitch = 0.2, 0.08, -0.05
+    straight = np.zeros(SIZE)
+    straight[State.PSI_T] = straight[State.PSI_I] = yaw
+    results = []
+    for side_per_slope in (0.0, gain):
+        noise = replace(ProcessNoise(), side_per_slope=side_per_slope)
+        estimator = ExtendedKalmanFilter(VEHICLE, None, noise)
+        estimates = []
+        for k in range(10):
+            time_s, tilted = PERIOD_S * k, 1.0 if k >= 5 else 0.0
+            samples = [
+                Measurement(time_s, s, tuple(predicted_measurement(s, straight, VEHICLE)[0]))
+                for s in LENGTH
+            ]
+            samples += [imu(s, time_s, tilted * roll, tilted * pitch) for s in IMUS]
+            estimates.append(estimator.update(time_s, samples, Command(0.0, 0.0, 0.0)))
+        results.append([estimate.map_disturbance[:2] for estimate in estimates])
+    change = np.subtract(results[1], results[0])
+    slope = pitch * np.array([math.cos(yaw), math.sin(yaw)])
+    slope -= roll * np.array([-math.sin(yaw), math.cos(yaw)])
+    periods = np.clip(np.arange(10) - 4, 0, None)
+    share = -np.expm1(-periods * PERIOD_S / 0.5)
+    np.testing.assert_allclose(change, gain * share[:, None] * slope, atol=1e-4)
+
+
+IMUS = (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)
 BIAS = {Sensor.IMU_TRACTOR: 0.002, Sensor.IMU_TRAILER: -0.0015}  # [rad/s], twice their sd
 IMU_S = 0.04
 NOISE = SensorNoise()
