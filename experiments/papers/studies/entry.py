@@ -71,6 +71,7 @@ def enter(case: Case) -> Row:
     home = summary.status == "completed" and max(map(abs, last)) < _HOME_M
     over = [row[f"entry.{body}.overshoot_m"] for body in _BODIES]
     settled = [row[f"entry.{body}.settled_m"] for body in _BODIES]
+    del row["controller"]  # the axis has its options, too
     return {
         **row,
         "home": home,
@@ -100,6 +101,8 @@ def _at_floor(runs: pd.DataFrame) -> str:
 def _quantiles(column: str, factor: float) -> Cell:
     def cell(runs: pd.DataFrame) -> str:
         values = factor * numbers(_entries(runs), column)
+        if np.isnan(values).all():
+            return "-"
         middle, most = np.nanquantile(values, (0.5, 0.95))
         return f"{middle:.1f}, {most:.1f}"
 
