@@ -16,12 +16,11 @@ FITTING: Final = range(1001, 1101)
 FIRST: Final = 201
 """First seed of reported runs."""
 
-TRIALS: Final = range(321, 341)
-"""Public seeds of the field trials; no design uses them.
+TRIALS: Final = range(341, 361)
+"""Public seeds of the field trials, version 2; no design, limit or weight was chosen on them."""
 
-301 to 320 were public before. The limits of the steering monitors were chosen with the trials
-`worn-valves` and `faults` on 301 to 314 in view: figures on them would favour that choice.
-"""
+CHECKS: Final = range(361, 381)
+"""Seeds of a second set of runs of the field trials: whether it gives the same verdicts."""
 
 TUNED_FIELDS: Final = {
     "filter": (

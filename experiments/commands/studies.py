@@ -18,7 +18,7 @@ from .options import Group, command, json_of, option, out, refuse_given
 
 if TYPE_CHECKING:
     from ..search.limit import Limit
-    from ..search.worst_case import Report
+    from ..search.rays import Report
     from ..sweep.sweep import Progress
 
 
@@ -163,34 +163,35 @@ def limit(arguments: argparse.Namespace) -> int:
 @command(
     _REQUIRED_SCENARIO,
     option("quantity", nargs="+", metavar="QUANTITY", help="quantity to search"),
-    out("DIR", "to make or to continue; default: runs/worst-SCENARIO-CONTROLLER"),
+    out("DIR", "to make or to continue; default: runs/rays-SCENARIO-CONTROLLER"),
     *options.CHANGES,
     options.CONTROLLER,
     options.SEED,
     option(
-        "--budget",
+        "--rays",
         type=options.whole_number(1),
-        default=100,
+        default=50,
         metavar="N",
-        help="runs of the search (default: 100)",
+        help="rays from the nominal values to the bounds, six runs each at most (default: 50)",
     ),
     options.LIMIT,
     *options.ENGINE,
     json_of("the report"),
 )
-def worst(arguments: argparse.Namespace) -> int:
-    """Search for the least severe case that a controller fails, by CMA-ES (extra `search`).
+def rays(arguments: argparse.Namespace) -> int:
+    """Find the severity at which a controller fails, along rays through several quantities.
 
     A run fails if it terminates early, leaves the corridor, or exceeds --limit. Severity is
-    the distance from the nominal values, in units of the bounds. Writes into DIR
-    falsification.json, worst.toml, which `ttempc run` replays, and the rows of all runs. The
-    same command continues an interrupted search.
+    the share of the way from the nominal values to the first bound. The rays follow from the
+    seed: under one seed they are the same for every controller. Writes into DIR rays.json,
+    worst.toml, the least severe failure, which `ttempc run` replays, and the rows of all
+    runs. The same command continues an interrupted search.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
     from ..run.assembly import check
     from ..scenario.scenario import read_scenario
     from ..search.quantities import read_subject
-    from ..search.worst_case import find_worst_case
+    from ..search.rays import STEPS, search_rays
     from ..sweep.engine import engine
 
     name, scenario = options.load_scenario(arguments)
@@ -199,19 +200,22 @@ def worst(arguments: argparse.Namespace) -> int:
     draft = read_scenario(arguments.scenario)
     subject = read_subject(draft, arguments.scenario, changes, arguments.quantity)
     controller = scenario.controller.name.replace(":", "-")
-    folder: Path = arguments.out or Path("runs") / f"worst-{name}-{controller}"
+    folder: Path = arguments.out or Path("runs") / f"rays-{name}-{controller}"
 
     def drive() -> None:
+        most = 1 + arguments.rays * (1 + STEPS)
         with (
             engine(arguments.workers, arguments.dask) as workers,
-            progress(arguments.budget, f"worst case of {name}", "run", shown=True) as count,
+            progress(most, f"rays of {name}", "run", shown=True) as count,
         ):
-            asked = arguments.seed, arguments.budget, arguments.limit
-            report = find_worst_case(subject, workers, *asked, folder, count)
+            asked = arguments.seed, arguments.rays, arguments.limit
+            report = search_rays(subject, workers, *asked, folder, count)
         print(report.to_json() if arguments.json else _text(report, folder), end="")
 
     return _resumable(drive, folder)
 
+
+_SEVERITIES = (0.25, 0.5, 0.75)  # of the shares that are printed
 
 search = Group(
     """\
@@ -220,7 +224,7 @@ Search quantities of a scenario for failures of a controller. QUANTITY is one of
   cone-index slope speed delay roughness
   KEY=LOW:HIGH      a key of the scenario, e.g. soil.cone_index_kpa=200:600
 
-and of `worst` also
+and of `rays` also
 
   KEY=LOW:HIGH:free a key without severity, e.g. terrain.uphill_deg=0:360:free
   gust ditch soil_patch gnss_float angle_noise gnss_out commands_late
@@ -229,26 +233,30 @@ and of `worst` also
 
   ttempc search limit grass slope --controller pid --controller ttempc --limit 0.3
   ttempc search limit my-gusty-field.toml faults.gust.force_n=100:4000
-  ttempc search worst rows gust soil_patch --budget 300
+  ttempc search rays rows gust soil_patch
 """,
-    {"limit": limit, "worst": worst},
+    {"limit": limit, "rays": rays},
 )
 
 
 def _text(report: Report, folder: Path) -> str:
     """Return the report as lines of text, with the command that replays its case."""
-    values = ", ".join(
-        f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"
-        for key, value in report.values.items()
-    )
-    end = report.failure or f"no failure; robustness {report.robustness:.2f} is the least"
-    replay = f"{folder / 'worst.toml'} --seed {report.seed} --out {folder / 'worst'}"
-    return (
-        f"{report.controller} on {report.scenario}, seed {report.seed}: {report.failed} of "
-        f"{report.runs} runs failed, {report.without_result} without a result\n"
-        f"severity {report.severity:.3f}: {end}\n  {values}\n  ttempc run {replay}\n"
-        f"report    {folder / 'falsification.json'}\n"
-    )
+    count = len(report.rays)
+    shares = ", ".join(f"{100 * report.survived(x) / count:.0f} % at {x:g}" for x in _SEVERITIES)
+    lines = [
+        f"{report.controller} on {report.scenario}, seed {report.seed}: {report.survived(1.0)} of "
+        f"{count} rays hold to their ends ({shares})"
+    ]
+    if report.least is not None:
+        ray = report.rays[report.least]
+        values = ", ".join(
+            f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"
+            for key, value in report.values.items()
+        )
+        replay = f"{folder / 'worst.toml'} --seed {report.seed} --out {folder / 'worst'}"
+        least = f"severity {ray.fails:.3f} (holds at {ray.holds:.3f}): {ray.failure}"
+        lines += [least, f"  {values}", f"  ttempc run {replay}"]
+    return "\n".join([*lines, f"report    {folder / 'rays.json'}"]) + "\n"
 
 
 @command(

@@ -167,7 +167,12 @@ def bootstrap_means(
     value = float(statistic(table.mean(axis=0, keepdims=True))[0])
     if count < 2:
         return IntervalEstimate(value, None, None)
-    return _expanded(value, statistic(_weights(count) @ table / count), count)
+    return _expanded(value, statistic(resampled_means(table)), count)
+
+
+def resampled_means(table: FloatArray) -> FloatArray:
+    """Return means (resamples, k) over units drawn with replacement from a table (units, k)."""
+    return _weights(len(table)) @ table / len(table)
 
 
 def _expanded(value: float, resampled: FloatArray, count: int) -> IntervalEstimate:

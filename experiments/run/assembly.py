@@ -235,7 +235,7 @@ def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int],
         law, speed = scenario.plant.wheel_law, mission.speed.top_speed
         check_pull(law, scenario.implement, vehicles.plant, soil.background, speed)
     ticks = math.ceil(reference.duration_s / control.period_s - 1e-9)
-    timetable = Timetable.of(scenario, vehicles.plant, reference, ticks)
+    timetable = Timetable.of(scenario, vehicles.plant, reference, ticks, seed)
     return _Plan(mission, vehicles, reference, *timetable.ground(terrain, soil), timetable)
 
 

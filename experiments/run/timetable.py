@@ -39,9 +39,17 @@ class Timetable:
 
     @classmethod
     def of(
-        cls, scenario: Scenario, vehicle: PlantVehicle, reference: Reference, ticks: int
+        cls,
+        scenario: Scenario,
+        vehicle: PlantVehicle,
+        reference: Reference,
+        ticks: int,
+        seed: int,
     ) -> Timetable:
-        """Return the timetable of a scenario; `ticks` are its control periods."""
+        """Return the timetable of a run; `ticks` are its control periods.
+
+        Faults of other seeds are refused as those of this one, so that no later run fails by them.
+        """
         context = FaultContext(
             period_s=scenario.control.period_s,
             sensors=scenario.sensors,
@@ -49,7 +57,8 @@ class Timetable:
             soil_wheels=scenario.plant.wheels == "soil",
             true_state=scenario.controller.estimator == TRUTH,
         )
-        return cls(scenario.faults, reference, ticks, context)
+        table = cls(scenario.faults, reference, ticks, context)
+        return replace(table, faults=tuple(f for f in scenario.faults if f.in_run(seed)))
 
     def __post_init__(self) -> None:
         labels = [fault.label for fault in self.faults]

@@ -24,7 +24,7 @@ from ..sweep.row import Row
 from ..sweep.study import ListAxis, Study
 from ..sweep.sweep import Progress, sweep
 from .definition import VERSION, differing, frozen_checks, identifier, plant_check, trial_files
-from .score_card import Draws, ScoreCard, TrialRun, entry_label, score
+from .score_card import CARD, Draws, ScoreCard, TrialRun, entry_label, score
 
 _COLUMNS: Final = {  # key of a run: column of a row
     "trailer_p95_m": "tracking.all.trailer.cross_p95_m",
@@ -138,7 +138,7 @@ def bench(
     runs = runs_of(rows(folder / "results.jsonl"), plan, draws)
     scenario = plan.setting(plan.changes(0)).scenario
     return ScoreCard(
-        format="ttempc field trials, card 1",
+        format=CARD,
         identifier=identifier(differing(checks, frozen_checks())),
         controller=entrant.controller,
         settings={**entrant.settings},

@@ -21,7 +21,7 @@ from ...testbed.simulation.setup import TickContext
 from ..run.assembly import assemble
 from ..scenario.scenario import Scenario, read_scenario
 
-VERSION: Final = "v1"
+VERSION: Final = "v2"
 """Version of the benchmark; other scenarios, seeds or scores are another version."""
 
 # Simulated time of a check: forward it covers a straight, half a circle and the first faults; in
@@ -39,7 +39,7 @@ _NOT_DRIVEN: Final = tuple(
 
 def trial_files() -> dict[str, Path]:
     """Return the scenario files of the benchmark by name."""
-    return {file.stem: file for file in sorted(_folder().glob("*.toml"))}
+    return {file.stem: file for file in sorted(folder().glob("*.toml"))}
 
 
 def trial(name: str) -> Scenario:
@@ -49,7 +49,7 @@ def trial(name: str) -> Scenario:
 
 def frozen_checks() -> dict[str, tuple[float, ...]]:
     """Return the frozen results of `plant_check` by scenario."""
-    content = json.loads((_folder() / "plant.json").read_text(encoding="utf-8"))
+    content = json.loads((folder() / "plant.json").read_text(encoding="utf-8"))
     return {name: tuple(values) for name, values in content.items()}
 
 
@@ -86,7 +86,7 @@ def plant_check(name: str) -> tuple[float, ...]:
 
     The commands follow from the true state, so that neither estimator nor controllers matter.
     Channels: reference of the whole path, true state, samples of the sensors, tool and corridor;
-    numbers that do not exist are left out, as is the status of a position, which version 1 had not.
+    numbers that do not exist are left out.
     """
     changes = {"controller": {"name": "feedforward"}}
     assembly = assemble(read_scenario(str(trial_files()[name])).scenario(changes), _SEED)
@@ -104,8 +104,7 @@ def plant_check(name: str) -> tuple[float, ...]:
             stage(setup, tick)
     record = recorder.record()
     channels = (
-        record[channel].columns(*(f for f in channel.fields if not f.endswith("_status")))
-        for channel in (STATE, MEASUREMENT, TOOL, CORRIDOR)
+        record[channel].columns(*channel.fields) for channel in (STATE, MEASUREMENT, TOOL, CORRIDOR)
     )
     values: list[float] = []
     for table in (grid.state, grid.trailer_xy, grid.inputs, *channels):
@@ -144,5 +143,6 @@ def differing(
     return tuple(name for name in sorted({*results, *frozen}) if not same(name))
 
 
-def _folder() -> Path:
+def folder() -> Path:
+    """Return the folder of the scenarios, frozen checks and weights."""
     return resource("proving_ground.experiments.trials", VERSION)

@@ -108,10 +108,16 @@ class Fault:
         NotNegative | None,
         Field(description="Start, as the distance of the tractor's reference along the path."),
     ] = None
+    of_seeds: Annotated[
+        tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=1)]] | None,
+        Field(description="`[k, n]`: only in runs whose seed is k modulo n; absent: in all."),
+    ] = None
 
     def __post_init__(self) -> None:
         if (self.start_s is None) == (self.at_m is None):
             raise ValueError("give start_s or at_m, one of the two")
+        if self.of_seeds and self.of_seeds[0] >= self.of_seeds[1]:
+            raise ValueError(f"of_seeds [k, n]: got {[*self.of_seeds]}, k must be below n")
         if self.row.on == "ground":
             self.row.effect(self, (0.0, 0.0, 0.0))  # refuses what is too steep
 
@@ -119,6 +125,10 @@ class Fault:
     def label(self) -> str:
         """Name of the fault in log and figures."""
         return self.name or self.kind
+
+    def in_run(self, seed: int) -> bool:
+        """Return whether the run of a seed has the fault: strata of a set of seeds."""
+        return self.of_seeds is None or seed % self.of_seeds[1] == self.of_seeds[0]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

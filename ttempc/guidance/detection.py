@@ -859,6 +859,8 @@ class Monitors:
         self.record = new_monitors()  # `MONITORS`
         self._own_alarms = np.tile([-1.0, 0.0, 0.0, 0.0], (len(own), 1))
         self._told: dict[int, Alarm] = {}  # those of a user's detectors, by row
+        self._vehicle: Vehicle | None = None  # of the parameters
+        self._parameters = np.empty(0)  # in the order of `VehicleParameter`
 
     def warm_up(self) -> None:
         """Compile or load what `observe` needs; changes no later result."""
@@ -891,11 +893,13 @@ class Monitors:
             view: makes the estimate, for detectors of a user.
         """
         if self._count:
-            # A tool in the soil has a side slip of its own.
-            limit = math.inf if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
-            self.record.view(MONITORS)["limit"][0, DetectorIndex.DRIFT] = limit
+            if vehicle is not self._vehicle:
+                self._vehicle, self._parameters = vehicle, vehicle_parameters(vehicle)
+                # A tool in the soil has a side slip of its own.
+                limit = math.inf if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
+                self.record.view(MONITORS)["limit"][0, DetectorIndex.DRIFT] = limit
             tick = rows, now, sent, estimate, innovations
-            observe_monitors(vehicle_parameters(vehicle), self.record, *tick)
+            observe_monitors(self._parameters, self.record, *tick)
         if self._own:
             command = None if math.isnan(sent[0]) else Command(*sent.tolist())
             ruled_out = np.flatnonzero(self.record.view(MONITORS)[0]["unused"])

@@ -358,6 +358,7 @@ class ArticulatedLaw(FeedbackLaw):
     def prepare(self, k: int) -> None:
         """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
+            self.mpc.beside.entering[:] = self.mpc.work.entering
             self._drive(k, *self._last, self.mpc.beside, self._memory.copy(), new_tick())
 
     def warm_up(self) -> None:

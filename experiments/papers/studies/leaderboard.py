@@ -2,17 +2,39 @@
 
 An entry's cost is the 95th percentile of the absolute cross-track error of the working point, the
 tool where there is one, else the trailer's axle point; losses count, see `trials.score_card`.
+
+How much the benchmark can tell is measured on six serious entries: the pairs that a trial
+separates, the share of each trial in the variance of the log ratio of two entries, and whether a
+second set of seeds gives the same verdicts.
 """
 
+import itertools
+import json
 import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+import numpy as np
+
+from ttempc.types import FloatArray
+
 from ....testbed.recording.provenance import code_digest
+from ...results.statistics import resampled_means
+from ...seeds import CHECKS, TUNING
 from ...sweep_report.format import format_numbers
 from ...trials.bench import Entrant, bench
 from ...trials.definition import trial_files
-from ...trials.score_card import PUBLIC, ScoreCard, public_draws, read_score_card
+from ...trials.score_card import (
+    PUBLIC,
+    Interval,
+    ScoreCard,
+    compare_cards,
+    costs,
+    overall,
+    public_draws,
+    read_score_card,
+    weights,
+)
 from ..pages import ROOT
 from ..runner import Runner
 from ..study import Block, Study
@@ -24,9 +46,9 @@ CARDS: Final = "field-trials"
 SHIPPED: Final = (
     ("ttempc",),
     ("ttempc", "controller.options.tightening=none"),
+    ("ttempc", "controller.options.robust=false"),
     ("ttempc", "controller.learn=false"),
     ("ttempc-nominal",),
-    ("ttempc-tube",),
     ("pid",),
     ("lqr",),
     ("nmpc",),
@@ -39,30 +61,35 @@ OTHERS: Final = (("learnt_policy:learnt",), ("casadi_mpc:CasadiMpc",), ("do_mpc_
 """Controllers of docs/examples, written against the public interface."""
 
 
+SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc", "nmpc-rti", "lqr", "pid")
+"""Controllers on which the trials' power to separate is measured, and their weights fitted."""
+
+_SEPARATED: Final = 3.0  # |t| of a paired difference of costs
+_FIT_SEEDS: Final = (*TUNING[:10],)
+
 HEADLINE: Final = ("ttempc", "pid", "lqr", "nmpc-rti")
 _ABOUT: Final = {
-    "crop-rows": "crop rows on a soft slope",
-    "cultivate": "cultivator on a side slope: the tool",
-    "even-grass": "even grass",
-    "faults": "bumpy grass with faults",
-    "field-sensors": "sensors as in the field",
-    "patches": "furrows, soft patches",
-    "reverse": "passes in reverse",
+    "corridor": "crop rows of +-6 cm on a soft slope",
+    "faults": "one of ten faults a run",
+    "headland": "loops at the stops, wet slope",
+    "line-entry": "entry from 1.5 m beside the line",
+    "reverse": "in reverse, entry from 1 m",
     "rough-grass": "rough grass",
+    "ruts": "two laps in one's own ruts",
+    "slow-valve": "steering of 8 deg/s",
+    "tool": "cultivator on a side slope: the tool",
     "wet-slope": "wet slope",
+    "wood": "wet slope at the edge of a wood",
     "worn-valves": "worn valves",
 }
 
 
 def make(runner: Runner) -> Block:
     """Return the leaderboard, and the score cards of all entries driven here."""
-    draws = public_draws(PUBLIC)
     cards = {}
     for name, *changes in (*SHIPPED, *OTHERS):
         entrant = Entrant.of(name, changes)
-        folder = runner.folder / code_digest() / f"bench-{draws.count}-{entrant.stem}"
-        with runner.engine() as workers:
-            cards[f"{CARDS}/{entrant.stem}.json"] = bench(entrant, draws, folder, workers)
+        cards[f"{CARDS}/{entrant.stem}.json"] = _driven(runner, entrant, PUBLIC)
     first = next(iter(cards.values()))
     others = [card for file, card in shipped_cards().items() if f"{CARDS}/{file}.json" not in cards]
     place = (first.identifier, first.draws.sha256)
@@ -74,6 +101,100 @@ def make(runner: Runner) -> Block:
     return Block(
         "\n\n".join(parts), {name: card.to_json().encode() for name, card in cards.items()}
     )
+
+
+def _driven(runner: Runner, entrant: Entrant, seeds: tuple[int, ...]) -> ScoreCard:
+    draws = public_draws(seeds)
+    folder = runner.folder / code_digest() / f"bench-{draws.sha256[:8]}-{entrant.stem}"
+    with runner.engine() as workers:
+        return bench(entrant, draws, folder, workers)
+
+
+def _serious(runner: Runner, seeds: tuple[int, ...]) -> list[ScoreCard]:
+    return [_driven(runner, Entrant.of(name, ()), seeds) for name in SERIOUS]
+
+
+def make_power(runner: Runner) -> Block:
+    """Return what the trials tell apart, and the verdicts of two sets of seeds."""
+    sets = {seeds: _serious(runner, seeds) for seeds in (PUBLIC, tuple(CHECKS))}
+    first, second = sets.values()
+    numbers, shares = pair_numbers(first), variance_shares(first)
+    lines = [
+        (name, f"{sum(abs(t) > _SEPARATED for t in row)} of {len(row)}", weight, share)
+        for name, row, weight, share in zip(
+            first[0].trials,
+            numbers.T,
+            (f"{value:.2f}" for value in weights().values()),
+            (f"{100.0 * value:.0f}" for value in shares.max(axis=0)),
+            strict=True,
+        )
+    ]
+    pairs = [*itertools.combinations(range(len(SERIOUS)), 2)]
+    verdicts = []
+    for one, other in pairs:
+        found = [compare_cards(cards[one], cards[other]) for cards in (first, second)]
+        ratios = (Interval(**item["ratio"]).text(1.0, ".3f") for item in found)
+        said = (item["verdict"] for item in found)
+        verdicts.append((f"`{SERIOUS[other]}` / `{SERIOUS[one]}`", *ratios, *said))
+    heads = [f"seeds {format_numbers(seeds)}" for seeds in sets]
+    return Block(
+        "\n\n".join(
+            (
+                markdown(
+                    (
+                        "trial",
+                        f"pairs with t above {_SEPARATED:g}",
+                        "weight",
+                        "largest share of variance [%]",
+                    ),
+                    lines,
+                ),
+                "Ratio of the overall costs, and what it says of the first:",
+                markdown(("pair", *heads, *heads), verdicts),
+            )
+        )
+    )
+
+
+def _logs(cards: Sequence[ScoreCard]) -> FloatArray:
+    """Return linearised logs of mean costs by pair of entries, (pairs, seeds, trials)."""
+    found = [costs(card.trials) for card in cards]
+    relative = [cost / cost.mean(axis=0) for cost in found]
+    return np.array([b - a for a, b in itertools.combinations(relative, 2)])
+
+
+def pair_numbers(cards: Sequence[ScoreCard]) -> FloatArray:
+    """Return Student's t of the paired difference of costs, (pairs, trials); 0 of equal costs."""
+    found = [costs(card.trials) for card in cards]
+    gaps = np.array([b - a for a, b in itertools.combinations(found, 2)])
+    spread = gaps.std(axis=1, ddof=1) / np.sqrt(gaps.shape[1])
+    equal = np.where(gaps.mean(axis=1) == 0.0, 0.0, np.inf)
+    return np.divide(gaps.mean(axis=1), spread, out=equal, where=spread > 0.0)
+
+
+def variance_shares(
+    cards: Sequence[ScoreCard], shares: Mapping[str, float] | None = None
+) -> FloatArray:
+    """Return shares of trials in the variance of the log ratio of two entries, (pairs, trials).
+
+    Args:
+        cards: of the entries.
+        shares: weights of the trials; default: the frozen ones.
+    """
+    table = weights() if shares is None else shares
+    weight = np.array([table[name] for name in cards[0].trials])
+    parts = weight**2 * _logs(cards).var(axis=1, ddof=1)
+    return parts / parts.sum(axis=1, keepdims=True)
+
+
+def fit_weights(cards: Sequence[ScoreCard]) -> dict[str, float]:
+    """Return the weights, 1 at most, that even out the largest shares of the trials."""
+    names = [*cards[0].trials]
+    weight = np.ones(len(names))
+    for _ in range(500):
+        largest = variance_shares(cards, dict(zip(names, weight, strict=True))).max(axis=0)
+        weight *= (largest.mean() / largest) ** 0.1
+    return {name: round(float(x), 2) for name, x in zip(names, weight / weight.max(), strict=True)}
 
 
 def shipped_cards() -> dict[str, ScoreCard]:
@@ -113,8 +234,9 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
     """Return the cards of one identifier as Markdown tables, the least cost first."""
     first, ordered = cards[0], sorted(cards, key=lambda card: card.score.cost_m.value)
     names = [*trial_files()]
+    holds = rank_shares(ordered)
     lines, by_trial = [], []
-    for card in ordered:
+    for card, held in zip(ordered, holds, strict=True):
         item = card.score
         outside = [t.outside for t in item.trials.values() if t.outside is not None]
         step = item.step_p99_us
@@ -122,6 +244,7 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
             (
                 f"`{entry(card)}`",
                 item.cost_m.text(),
+                f"{100.0 * held:.0f}",
                 f"{item.not_completed} of {item.runs}",
                 f"{100.0 * max(outside):.1f}" if outside else "–",
                 "–" if step is None else f"{1e-3 * step:.2f}",
@@ -132,7 +255,14 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
     keys = ("processor", "cores", "system")
     machines = {", ".join(f"{k} {card.machine.get(k, '?')}" for k in keys): None for card in cards}
     loads = sorted(float(card.machine.get("load") or "nan") for card in cards)
-    heads = ("entry", "cost [cm]", "not completed", "outside rows [%]", "step p99 [ms]")
+    heads = (
+        "entry",
+        "cost [cm]",
+        "has this rank [%]",
+        "not completed",
+        "outside rows [%]",
+        "step p99 [ms]",
+    )
     count = f"{first.draws.count} seed{'s' if first.draws.count > 1 else ''}"
     return "\n\n".join(
         (
@@ -147,6 +277,22 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
     )
 
 
+def rank_shares(ordered: Sequence[ScoreCard]) -> FloatArray:
+    """Return in which share of resamples of the seeds each entry has the rank it has here, (n,)."""
+    tables = [costs(card.trials) for card in ordered]
+    if len(tables[0]) < 2:
+        return np.full(len(ordered), np.nan)
+    trials = tables[0].shape[1]
+    means = resampled_means(np.hstack(tables))
+    found = np.array(
+        [
+            overall(means[:, k * trials : (k + 1) * trials], card.trials)
+            for k, card in enumerate(ordered)
+        ]
+    )
+    return (found.argsort(axis=0).argsort(axis=0) == np.arange(len(ordered))[:, None]).mean(axis=1)
+
+
 STUDIES: Final = (
     Study(
         name="field-trials",
@@ -159,6 +305,13 @@ STUDIES: Final = (
             ),
             *(("grass", *words) for words in SHIPPED),
         ),
+    ),
+    Study(name="trial-power", make=make_power, seeds=(*PUBLIC, *CHECKS), checks=()),
+    Study(
+        name="trial-weights",
+        make=lambda runner: Block(json.dumps(fit_weights(_serious(runner, _FIT_SEEDS)))),
+        seeds=_FIT_SEEDS,
+        checks=(),
     ),
     Study(name="headline", make=lambda runner: headline(shipped_cards())),
 )

@@ -1,31 +1,33 @@
-"""Worst cases of every controller."""
+"""Severities at which controllers fail, along rays that all of them share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ttempc.guidance.controllers import CONTROLLERS
+import numpy as np
 
+from ...results.statistics import mean, proportion
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario
 from ...search.quantities import read_subject
-from ...search.worst_case import Report, find_worst_case
+from ...search.rays import RAYS, Report, search_rays
 from ...seeds import report_seeds
 from ...sweep.engine import engine
-from ..kayacan.eight_numbers import CONTROLLER
+from ...trials.score_card import MARGIN
 from ..runner import Runner
 from ..study import Study
 from ..tables import markdown
+from .leaderboard import SERIOUS
 
 
 @dataclass(frozen=True)
 class Hunt:
-    """A search for worst cases of a controller on `grass`."""
+    """A search along rays with a controller on `grass`."""
 
     controller: str
     words: tuple[str, ...]  # of `search`
     limit_m: float | None  # of the trailer's 95 % cross-track error
     seed: int
-    budget: int = 30  # runs
+    rays: int = RAYS
 
 
 HEADLAND: Final = "path={kind='headland', length_m=10.0, passes=2, width_m=14.0}"
@@ -34,6 +36,7 @@ HUNTED: Final[dict[str, tuple[tuple[str, ...], float | None]]] = {
     "Soft patch on a slope": (("soil_patch", "slope", "terrain.uphill_deg=0:360:free"), None),
     "Late commands": (("commands_late",), 0.3),
 }
+_SEVERITIES: Final = (0.25, 0.5, 0.75, 1.0)
 
 
 def hunt(task: Hunt, path: str = HEADLAND) -> Report:
@@ -42,45 +45,64 @@ def hunt(task: Hunt, path: str = HEADLAND) -> Report:
     merge_tables(settings, {"controller": {"name": task.controller}})
     subject = read_subject(read_scenario("grass"), "grass", settings, task.words)
     with engine(workers=0) as here:
-        return find_worst_case(subject, here, task.seed, task.budget, task.limit_m)
+        return search_rays(subject, here, task.seed, task.rays, task.limit_m)
 
 
-SEARCHED: Final = (*CONTROLLERS, CONTROLLER)
-
-
-def worst_cases(runner: Runner) -> str:
-    """Return the worst case of every controller by question."""
+def rays(runner: Runner) -> str:
+    """Return the severities of failure of the serious controllers by question."""
     (seed,) = report_seeds(1)
-    tasks = [Hunt(name, *what, seed) for what in HUNTED.values() for name in SEARCHED]
+    tasks = [Hunt(name, *what, seed) for what in HUNTED.values() for name in SERIOUS]
     reports = iter(runner.map(hunt, tasks))
     parts = []
     for title, (words, limit) in HUNTED.items():
         option = f" --limit {limit:g}" if limit else ""
         parts.append(f"**{title}**: `{' '.join(words)}{option}`")
-        parts.append(worst_table([next(reports) for _ in SEARCHED]))
-    return "\n\n".join(parts).replace(CONTROLLER, "kayacan-nmpc")
+        parts += ray_tables([next(reports) for _ in SERIOUS])
+    return "\n\n".join(parts)
 
 
-def worst_table(reports: Sequence[Report]) -> str:
-    """Return the worst case of each report with its values."""
-    keys = [key.rpartition(".")[2] for key in reports[0].values]
-    lines = []
-    for report in reports:
-        values = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in report.values.values()]
-        severity = f"{report.severity:.2f}" if report.failure else "-"
-        end = report.failure or f"holds; least robustness {report.robustness:.2f}"
-        failed = f"{report.failed} of {report.runs}"
-        lines.append([f"`{report.controller}`", failed, severity, *values, end])
-    return markdown(
-        ["controller", "failed", "severity", *(f"`{key}`" for key in keys), "end"], lines
-    )
+def ray_tables(reports: Sequence[Report]) -> list[str]:
+    """Return the table of shares of rays survived, and that of the least severe failures."""
+    found = np.array([[_severity(ray.holds, ray.fails) for ray in own.rays] for own in reports])
+    lines, least = [], []
+    for report, own in zip(reports, found, strict=True):
+        held = [proportion(report.survived(x), len(own)) for x in _SEVERITIES]
+        gap = mean(own - found[0])
+        lines.append(
+            (
+                f"`{report.controller}`",
+                *(f"{100 * p.value:.0f} ({100 * p.low:.0f}-{100 * p.high:.0f})" for p in held),
+                f"{own.mean():.3f}",
+                "{:+.3f} ({:+.3f} to {:+.3f})".format(gap.value, *gap.ends),
+            )
+        )
+        if report.least is not None:
+            ray = report.rays[report.least]
+            values = (f"{v:.3g}" if isinstance(v, float) else v for v in report.values.values())
+            least.append((f"`{report.controller}`", f"{ray.fails:.3f}", *values, ray.failure))
+    keys = [f"`{key.rpartition('.')[2]}`" for key in reports[0].values]
+    heads = (f"holds at {x:g} [%]" for x in _SEVERITIES)
+    first = f"less that of `{reports[0].controller}`"
+    tables = [markdown(("controller", *heads, "mean severity", first), lines)]
+    spread = np.ptp(found.mean(axis=1)) / found.mean()
+    if spread <= MARGIN:
+        tables.append(
+            f"All controllers fail within {100 * spread:.1f} % of each other: a limit of the plant."
+        )
+    if least:
+        tables.append(markdown(("least severe failure", "severity", *keys, "end"), least))
+    return tables
+
+
+def _severity(holds: float, fails: float | None) -> float:
+    return 1.0 if fails is None else 0.5 * (holds + fails)
 
 
 STUDIES: Final = (
     Study(
         name="worst-cases",
         seeds=report_seeds(1),
-        make=worst_cases,
-        checks=tuple(("grass", name) for name in SEARCHED),
+        make=rays,
+        checks=tuple(("grass", name) for name in SERIOUS),
     ),
 )

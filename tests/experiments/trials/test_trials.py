@@ -16,7 +16,9 @@ from proving_ground.experiments.sweep.row import columns
 from proving_ground.experiments.trials import bench as module
 from proving_ground.experiments.trials import definition
 from proving_ground.experiments.trials.score_card import (
+    CARD,
     LOSS_M,
+    MARGIN,
     PUBLIC,
     ScoreCard,
     TrialRun,
@@ -28,6 +30,8 @@ from proving_ground.experiments.trials.score_card import (
     read_score_card,
     score,
     seeds_hash,
+    verdict,
+    weights,
 )
 
 SHORT = "even-grass"
@@ -47,7 +51,7 @@ def card_of(errors, name="one", **changes):
     }
     seeds = PUBLIC[: len(errors[0])]
     content = {
-        "format": "ttempc field trials, card 1",
+        "format": CARD,
         "identifier": definition.identifier(),
         "controller": name,
         "draws": public_draws(seeds),
@@ -70,12 +74,12 @@ def one_short_trial(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "frozen_checks", lambda: {SHORT: definition.plant_check(SHORT)})
 
 
-def test_the_identifier_is_that_of_version_1():
+def test_the_identifier_is_that_of_version_2():
     """Another one is another benchmark: raise the version and freeze the checks anew."""
-    assert definition.identifier() == "v1-c9e1fade"
+    assert definition.identifier() == "v2-61f59d60"
 
 
-@pytest.mark.parametrize("name", ["reverse", "cultivate", "faults"])
+@pytest.mark.parametrize("name", ["reverse", "tool", "faults"])
 def test_the_plant_is_that_of_the_frozen_trials(name):
     """With vehicle, soil, implement, faults and samples of the sensors in it."""
     frozen = {name: definition.frozen_checks()[name]}
@@ -124,15 +128,47 @@ def test_the_cost_of_a_run_is_the_error_of_the_working_point_with_losses():
     assert replace(done, outside=1.0).cost_m == LOSS_M
 
 
-def test_the_overall_cost_is_a_geometric_mean_and_scales_with_the_errors():
+def test_the_overall_cost_is_a_weighted_geometric_mean_and_scales_with_the_errors():
     errors = np.array([[0.02, 0.04, 0.03], [0.08, 0.04, 0.06]])
-    means = errors.mean(axis=1)
-    assert card_of(errors).score.cost_m.value == pytest.approx(np.sqrt(means.prod()), abs=1e-6)
+    share = np.array([*weights().values()])[:2]
+    share /= share.sum()
+    expected = np.exp(share @ np.log(errors.mean(axis=1)))
+    assert card_of(errors).score.cost_m.value == pytest.approx(expected, abs=1e-6)
     twice = card_of(errors * [[2.0], [1.0]]).score.cost_m.value
-    assert twice == pytest.approx(np.sqrt(2.0 * means.prod()), abs=1e-6)
+    assert twice == pytest.approx(2.0 ** share[0] * expected, abs=1e-6)
     lost = card_of(np.where(errors == 0.08, np.nan, errors)).score
     assert lost.not_completed == 1
-    assert lost.cost_m.value > 2.0 * card_of(errors).score.cost_m.value
+    assert lost.cost_m.value > card_of(errors).score.cost_m.value
+
+
+def test_no_trial_decides_alone_once_the_weights_are_fitted():
+    """A trial that scatters ten times as much as the others gets a tenth of the weight."""
+    rng = np.random.default_rng(3)
+    scatter = np.array([[0.1], [0.01], [0.01], [0.01], [0.01]])
+    cards = [card_of(0.03 * (1.0 + scatter * rng.normal(size=(5, 20)))) for _ in range(4)]
+    even = dict.fromkeys(cards[0].trials, 1.0)
+    assert board.variance_shares(cards, even)[:, 0].min() > 0.9
+    fitted = board.fit_weights(cards)
+    assert board.variance_shares(cards, fitted).max() < 0.4
+    assert next(iter(fitted.values())) == pytest.approx(0.1, abs=0.05)
+    np.testing.assert_allclose(board.variance_shares(cards, fitted).sum(axis=1), 1.0)
+
+
+def test_ranks_of_level_entries_are_chance_and_of_others_are_not():
+    rng = np.random.default_rng(4)
+    errors = 0.03 * (1.0 + 0.1 * rng.normal(size=(3, 4, 20)))
+    level = [card_of(own) for own in errors]
+    first, *_, last = board.rank_shares([card_of(0.5 * errors[0]), *level])
+    assert first == 1.0
+    assert last < 0.9
+
+
+def test_a_verdict_needs_the_whole_interval():
+    inside = 0.5 * MARGIN
+    assert verdict(1.0 - inside, 1.0 + inside).startswith("level")
+    assert verdict(0.9, 1.0 - inside) == "ahead"
+    assert verdict(1.0 + inside, 1.2) == "behind"
+    assert verdict(0.9, 1.1) == "undecided"
 
 
 def test_a_card_reads_back_and_cannot_be_touched_up(tmp_path):
@@ -141,11 +177,11 @@ def test_a_card_reads_back_and_cannot_be_touched_up(tmp_path):
     file.write_text(card.to_json())
     assert read_score_card(file) == card
     content = json.loads(card.to_json())
-    content["trials"]["crop-rows"][1]["status"] = "completed"
+    content["trials"]["corridor"][1]["status"] = "completed"
     file.write_text(json.dumps(content))
     with pytest.raises(InvalidScoreCard, match="does not follow"):
         read_score_card(file)
-    content["trials"]["crop-rows"].pop()
+    content["trials"]["corridor"].pop()
     file.write_text(json.dumps(content))
     with pytest.raises(InvalidScoreCard, match="has 1 runs, must be 2"):
         read_score_card(file)
@@ -167,8 +203,9 @@ def test_a_comparison_is_paired_by_seed():
 
 def test_cards_of_other_trials_or_seeds_are_not_compared():
     errors = [[0.02, 0.03]]
-    for changes in ({"identifier": "v0-0"}, {"draws": public_draws(PUBLIC[1:3])}):
-        with pytest.raises(InvalidScoreCard, match=r"identifier|seeds"):
+    of_version_1 = {"format": "ttempc field trials, card 1"}
+    for changes in ({"identifier": "v0-0"}, {"draws": public_draws(PUBLIC[1:3])}, of_version_1):
+        with pytest.raises(InvalidScoreCard, match=r"identifier|seeds|format"):
             compare_cards(card_of(errors), card_of(errors, **changes))
 
 
@@ -200,7 +237,7 @@ def test_bad_input_gets_one_line_before_any_run(tmp_path, monkeypatch, capsys):
         (["pid", "--set", "controller.estimator=truth"], "controller.estimator"),
         (["pid", "--quick", "--seeds-file", "x"], "--quick"),
         (["--compare", "a.json", "b.json"], "a.json"),
-        (["ttempc", "--set", OWN_SPEED], "crop-rows"),
+        (["ttempc", "--set", OWN_SPEED], "corridor"),
         (["proving_ground.experiments.papers.kayacan.nmpc:controller"], "space_based"),
     ):
         assert main(["bench", *words]) == 2
@@ -211,7 +248,7 @@ def test_bad_input_gets_one_line_before_any_run(tmp_path, monkeypatch, capsys):
 
 
 def test_a_refused_trial_counts_as_lost():
-    """The shipped tube is one for driving forward."""
+    """The shipped tube is one for driving forward, of steering that is not slow."""
     draws = public_draws(PUBLIC[:2])
     plan = module.Entrant.of("ttempc-tube", []).plan(draws)
     empty = dict.fromkeys(columns(()))
@@ -222,7 +259,7 @@ def test_a_refused_trial_counts_as_lost():
     ]
     runs = module.runs_of(rows, plan, draws)
     costs = {name: [run.cost_m for run in own] for name, own in runs.items()}
-    assert costs.pop("reverse") == [LOSS_M] * 2
+    assert costs.pop("reverse") == costs.pop("slow-valve") == [LOSS_M] * 2
     assert all(cost == [0.05] * 2 for cost in costs.values())
     assert {run.failure for run in runs["reverse"]} == {
         "the tube was made for another vehicle: reverse 0 (here 1)"

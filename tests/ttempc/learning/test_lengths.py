@@ -93,7 +93,3 @@ def test_a_trailer_whose_tool_holds_nothing_turns_about_its_axle(window, prior):
     pull = prior * (sd / (0.2 * given.tool_behind)) ** 2  # of the prior, for one unknown
     assert 0.0 <= fit.lengths[4] < pull + 2.5 * sd
     assert sd < 0.07  # of 0.12 before
-    learnt = LengthIdentifier(given, NOISE, PROCESS).identify(window, given)
-    assert learnt.vehicle.trailer_turning_offset < 0.5 * prior
-    # the lengths that are right stay, bit for bit
-    assert replace(learnt.vehicle, tool_behind=0.0, trailer_turning_offset=0.0) == VEHICLE

@@ -1,4 +1,4 @@
-"""Search of the worst case: analytic limit states, quantities, and a plant."""
+"""Rays: analytic limit states, quantities, and a plant."""
 
 import functools
 import json
@@ -15,13 +15,13 @@ from proving_ground.experiments.search.quantities import (
     Space,
     read_subject,
 )
-from proving_ground.experiments.search.worst_case import (
-    Outcome,
+from proving_ground.experiments.search.rays import (
+    STEPS,
+    Report,
     Specification,
-    best,
-    falsify,
-    find_worst_case,
-    milder,
+    bisect,
+    ends,
+    search_rays,
 )
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.sweep.results import rows
@@ -37,53 +37,38 @@ PLACE = Parameter(("place",), 0.0, 1.0)
 SPACE = Space((FORCE, DELAY, PLACE))
 
 
-def evaluate(points):
-    """Fail in a half plane of the severities, near one place."""
-    distances = [0.6 + abs(place - 0.7) - (force + delay) / 2 for force, delay, place in points]
-    return [Outcome("fails" if d <= 0.0 else "", min(max(d, 0.0), 1.0)) for d in distances]
+def test_rays_end_where_the_first_quantity_meets_its_bound():
+    space = Space((FORCE, STRENGTH, PLACE))
+    far = ends(space, 40, seed=3)
+    way = np.abs(far - space.nominal)[:, :2] / [1.0, 0.5]
+    np.testing.assert_allclose(way.max(axis=1), 1.0)
+    assert far.min() >= 0.0
+    assert far.max() <= 1.0
+    assert sorted((far[:, 2] * 40).astype(int)) == [*range(40)]  # places fill their range
+    assert (ends(space, 40, seed=3) == far).all()
+    assert (ends(space, 40, seed=4) != far).any()
 
 
-def search(budget=150, seed=1, outcomes=evaluate):
-    return falsify(SPACE, outcomes, budget, seed)
+def test_bisection_brackets_the_limit_of_each_ray():
+    limits = np.array([0.01, 0.3, 0.77, 1.0, 1.2])
+
+    def evaluate(asked):
+        return ["fails" * int(severity >= limits[k]) for k, severity in asked]
+
+    rays = bisect(evaluate, len(limits))
+    for ray, limit in zip(rays[:4], limits, strict=False):
+        assert ray.fails - ray.holds == pytest.approx(2.0**-STEPS)
+        assert ray.holds < limit <= ray.fails
+        assert ray.runs == 1 + STEPS
+    assert (rays[4].holds, rays[4].fails, rays[4].runs) == (1.0, None, 1)
+    report = Report("s", "c", 1, None, tuple(rays), {}, {})
+    assert [report.survived(x) for x in (0.0, 0.25, 0.5, 1.0)] == [5, 4, 3, 1]
+    assert report.least == 0
 
 
-def test_the_least_severe_failure_is_found():
-    """By symmetry it lies at force = delay = 0.6, place = 0.7, with severity 0.6."""
-    for seed in (1, 2, 3):
-        case = best(search(seed=seed))
-        assert case.failed
-        assert 0.6 - 1e-9 <= case.severity <= 0.66
-        assert case.point == pytest.approx([0.6, 0.6, 0.7], abs=0.15)
-
-
-def test_the_cases_follow_from_the_seed_and_the_budget_is_kept():
-    for budget in (1, 10, 37, 150):
-        cases, again = search(budget), search(budget)
-        assert len(cases) == budget
-        assert all((a.point == b.point).all() for a, b in zip(cases, again, strict=True))
-    assert any((a.point != b.point).any() for a, b in zip(cases, search(seed=2), strict=True))
-
-
-def test_without_a_failure_the_least_robust_case_is_best():
-    def never(points):
-        return [Outcome("", 0.2 + 0.8 * abs(place - 0.7)) for *_, place in points]
-
-    cases = search(60, outcomes=never)
-    assert not any(case.failed for case in cases)
-    assert best(cases).point[2] == pytest.approx(0.7, abs=0.05)
-
-
-def test_failures_are_simplified():
-    """Where only the force matters, the delay of the least severe failure is nominal."""
-    point = np.array([0.9, 0.5, 0.3])
-    assert max(map(SPACE.severity, milder(SPACE, point))) < SPACE.severity(point)
-    assert (milder(SPACE, point)[:, 2] == 0.3).all()
-    assert milder(SPACE, point)[:2] == pytest.approx(np.array([[0.0, 0.5, 0.3], [0.9, 0.0, 0.3]]))
-    by_force = best(
-        search(60, outcomes=lambda ps: [Outcome("fails" * int(p[0] >= 0.5), 1.0) for p in ps])
-    )
-    assert by_force.point[1] == 0.0
-    assert 0.5 <= by_force.point[0] < 0.53
+def test_a_run_without_a_result_ends_its_ray():
+    rays = bisect(lambda asked: [None if s < 1.0 else "fails" for _, s in asked], 2)
+    assert [(ray.fails, ray.runs, ray.without_result) for ray in rays] == [(1.0, 2, 1)] * 2
 
 
 def test_values_and_severities_of_a_space():
@@ -145,31 +130,16 @@ def row(**changes):
     return values | {name.replace("__", "."): value for name, value in changes.items()}
 
 
-def test_robustness_falls_from_1_at_the_nominal_run_to_0_at_a_limit():
-    specification = Specification({"extremes.tilt_rad": 1.0, "extremes.fold_rad": 2.0})
-    nominal = specification.shares(row(extremes__tilt_rad=0.1, extremes__fold_rad=1.0))
-    for tilt, fold, robustness in (
-        (0.1, 1.0, 1.0),
-        (0.1, 1.5, 0.5),  # half way from 1 to 2
-        (0.55, 1.5, 0.5),
-        (0.91, 1.5, 0.1),
-        (1.0, 1.0, 1e-9),
-    ):
-        figures = row(extremes__tilt_rad=tilt, extremes__fold_rad=fold)
-        assert specification.judge(figures, nominal).robustness == pytest.approx(robustness)
-
-
 def test_what_counts_as_a_failure():
     specification = Specification.of(load("rows")[1], limit_m=0.2)
-    nominal = specification.shares(row())
-    assert not specification.judge(row(corridor__tool__max_m=0.09), nominal).failure
+    assert not specification.failure(row(corridor__tool__max_m=0.09))
     for changes, reason in (
         ({"status": "lost", "failure": "roll-over"}, "roll-over"),
         ({"corridor__tool__max_m": 0.11}, "tool 0.110 m"),
         ({"corridor__hitch_outside_fraction": 0.01}, "hitch angle"),
         ({ERROR.replace(".", "__"): 0.3}, "0.300 m"),
     ):
-        assert reason in specification.judge(row(**changes), nominal).failure
+        assert reason in specification.failure(row(**changes))
 
 
 SHORT = ["path={kind='straight', length_m=10.0}", "controller.name=pid"]
@@ -179,30 +149,31 @@ WORDS = ["gust", "faults.gust.at_m=2:5:free"]
 def drive(folder):
     found = subject(*WORDS, overrides=SHORT)
     with engine(0) as runs:
-        find_worst_case(found, runs, 3, 10, folder=folder)
+        search_rays(found, runs, 3, 2, folder=folder)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("search") / "worst"
+    folder = tmp_path_factory.mktemp("search") / "rays"
     drive(folder)
     return folder
 
 
 def results(folder):
-    files = sorted(folder.glob("generations/*/results.jsonl"))
+    files = sorted(folder.glob("steps/*/results.jsonl"))
     return [row for file in files for row in sorted(rows(file), key=lambda row: row["run"])]
 
 
 def test_the_file_of_a_worst_case_replays_its_failure(folder, tmp_path, capsys):
     """Every figure but those of wall-clock time is the same, and so is the identity of the run."""
-    report = json.loads((folder / "falsification.json").read_text())
-    assert report["failure"]
-    assert report["runs"] == len(results(folder)) == 10
+    report = json.loads((folder / "rays.json").read_text())
+    failing = [ray for ray in report["rays"] if ray["fails"] is not None]
+    least = min(failing, key=lambda ray: ray["fails"])
+    assert 1 + sum(ray["runs"] for ray in report["rays"]) == len(results(folder))
     command = ["run", str(folder / "worst.toml"), "--seed", str(report["seed"]), "--json"]
     assert main([*command, "--out", str(tmp_path / "run")]) == 3
     summary = json.loads(capsys.readouterr().out)
-    assert f"{summary['status']}: {summary['failure']}" == report["failure"]
+    assert f"{summary['status']}: {summary['failure']}" == least["failure"]
     row = next(row for row in results(folder) if row["run_id"] == summary["run_id"])
     for name in FIGURES:
         if not name.startswith("timing."):
@@ -215,7 +186,7 @@ def test_the_file_of_a_worst_case_replays_its_failure(folder, tmp_path, capsys):
 def test_bad_input_is_one_line_before_any_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for words, message in (
-        (["worst", "grass", "gusts"], "did you mean gust?"),
+        (["rays", "grass", "gusts"], "did you mean gust?"),
         (["limit", "grass", "gust"], "KEY=LOW:HIGH"),
     ):
         assert main(["search", *words, "--workers", "0"]) == 2
