@@ -928,6 +928,10 @@ class Monitors:
         s["accepted"] = map_disturbance
         s["alarms"][DetectorIndex.HITCH :] = -1.0, 0.0, 0.0, 0.0
 
+    def forget_pose(self) -> None:
+        """Begin dead reckoning at the next estimate: that of another estimator is no jump."""
+        self.record.view(MONITORS)["pose"][0, 0] = math.nan
+
     @property
     def detectors(self) -> tuple[Detector, ...]:
         """All detectors; the built-in ones, by `DetectorIndex`, as they are now."""
