@@ -124,7 +124,9 @@ _POSITION_S: Final = 10.0  # memory of dead reckoning
 _DRIFT: Final = 0.0095, 0.033
 # On parallel tracks alone a slope across them, a slip along them and a drift are one.
 _HEADING_S: Final = 40.0
-_JUDGED_S: Final = 20.0  # from the start on, in which a turned entry is a large share of the headings
+_JUDGED_S: Final = (
+    20.0  # from the start on, in which a turned entry is a large share of the headings
+)
 _LEAST_SPREAD: Final = 0.25  # of headings: 0 on parallel tracks, near 1 on a circle
 _ROUGH_S: Final = 30.0  # mean of the learnt roughness
 _DRIFT_S: Final = 5.0  # for which they are averaged
