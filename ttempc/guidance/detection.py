@@ -119,6 +119,7 @@ _HITCH_SLIP: Final = 0.032  # [rad] side slip of tractor less that of the traile
 # From dead reckoning: on ground without bumps, and at a learnt factor of roughness of 1
 _POSITION_M: Final = 0.25, 0.12
 _POSITION_S: Final = 10.0  # memory of dead reckoning
+_UNSTATED: Final = 3.0  # times the limit of an estimator that states no side slip; assumed
 # Of the speed: common to both slips, side slip alone. On tuning seeds, fields without a fault reach
 # 0.9 of the first limit (kayacan2016) and of the second.
 _DRIFT: Final = 0.0095, 0.033
@@ -405,6 +406,7 @@ def _observe_estimate(
     size = math.hypot(s.offset[0], s.offset[1])
     residuals[DetectorIndex.POSITION] = s.present[DetectorIndex.POSITION, 1] = size
     size /= _POSITION_M[0] + _POSITION_M[1] * math.sqrt(rough)
+    size /= _UNSTATED if slip == 0.0 and e.disturbance[1] == 0.0 else 1.0
     size *= 2.0 if held else 1.0  # what is left of a jump is not believed, either
     statistic[DetectorIndex.POSITION] = size if now >= _SETTLED_S else 0.0
 

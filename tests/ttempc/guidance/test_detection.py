@@ -338,7 +338,7 @@ def first_alarm(index, ticks, make):
 @pytest.mark.parametrize(("jump_m", "noticed"), [(0.1, False), (0.5, True), (3.0, True)])
 def test_a_jump_is_not_believed_until_an_operator_says_so(jump_m, noticed):
     def make(k):
-        return estimates(k, k * PERIOD_S + (jump_m if k >= 100 else 0.0))
+        return estimates(k, k * PERIOD_S + (jump_m if k >= 100 else 0.0), slip_t=1e-3)
 
     first, monitors = first_alarm(DetectorIndex.POSITION, 1000, make)
     assert first == (100 if noticed else None)
