@@ -199,7 +199,8 @@ class Diagnostics:
     fallback: str = ""  # reason why another law than the controller's own acted, else empty
     stopping: bool = False  # whether the supervisor stops the vehicle, or holds it at rest
     tube: TubeReport | None = None  # None for a controller without a tube
-    leaves_corridor: bool = False  # whether the predicted path leaves the corridor of the reference
+    # Whether the plan leaves the corridor of the reference, or its bound of the hitch angle
+    leaves_corridor: bool = False
     # Model parameters that were learnt and act from this tick on, in words
     learnt: tuple[str, ...] = ()
 

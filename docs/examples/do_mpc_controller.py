@@ -4,7 +4,8 @@
     ttempc bench do_mpc_controller:DoMpc --quick
 
 Needs `pip install do-mpc`. The model is that of `casadi_mpc.py` beside it; do-mpc discretises it by
-collocation and solves with Ipopt.
+collocation and solves with Ipopt. The weights are untuned: those of `casadi_mpc.py` did worse here
+on the seeds 1 to 3 of the trials `wet-slope` and `tool`.
 """
 
 import do_mpc
@@ -17,7 +18,17 @@ from ttempc import Command
 class DoMpc:
     """do-mpc over `horizon` periods; the reference and the disturbances are its parameters."""
 
-    def __init__(self, vehicle, reference, period_s, horizon=12, steering=0.1, moves=1.0, trailer=1.0, heading=0.1):
+    def __init__(
+        self,
+        vehicle,
+        reference,
+        period_s,
+        horizon=12,
+        steering=0.1,
+        moves=1.0,
+        trailer=1.0,
+        heading=0.1,
+    ):
         self.reference = reference.on_grid(period_s, beyond=horizon + 1)
         model = do_mpc.model.Model("continuous")
         x = model.set_variable("_x", "x", (STATES, 1))

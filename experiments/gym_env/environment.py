@@ -107,8 +107,11 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
             raise BadOptions(f"render_mode: must be rgb_array or None, got {render_mode!r}")
         if action not in ("command", "residual"):
             raise BadOptions(f"action: must be one of command, residual, got {action!r}")
-        if not 0.0 < residual_share <= 1.0:
+        if not isinstance(residual_share, int | float) or not 0.0 < residual_share <= 1.0:
             raise BadOptions(f"residual_share: must be above 0 and at most 1, got {residual_share}")
+        listed = isinstance(overrides, Sequence) and all(isinstance(one, str) for one in overrides)
+        if not listed or not isinstance(scenario, str):
+            raise BadOptions("scenario: must be a text, overrides a list of texts")
         source, changes = read_scenario(scenario), parse_overrides(overrides)
         self._scenario = source.scenario(changes, changed_by="overrides")
         if not trust:
@@ -127,7 +130,10 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         if normalised or self._residual:
             low, high = -np.ones(3), np.ones(3)
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        self.metadata = {**self.metadata, "render_fps": round(1.0 / self._scenario.control.period_s)}
+        self.metadata = {
+            **self.metadata,
+            "render_fps": round(1.0 / self._scenario.control.period_s),
+        }
         self.render_mode, self._camera = render_mode, None
         if render_mode:
             from .picture import Camera
@@ -179,7 +185,10 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         """
         if self._run is None:
             raise ResetNeeded("step: the run has ended, call reset()")
-        values = np.asarray(action, dtype=float)
+        try:
+            values = np.asarray(action, dtype=float)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"step: the action must be three numbers: {error}") from None
         if values.shape != (3,):
             raise ValueError(f"step: the action has the shape {values.shape}, must be (3,)")
         if self._normalised:

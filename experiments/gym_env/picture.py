@@ -44,9 +44,7 @@ class Camera:
         view = mujoco.MjvCamera()
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(_VIEW).id
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(
-            model, data, mujoco.MjvOption(), None, view, everything, self._scene
-        )
+        mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, view, everything, self._scene)
         rectangle = mujoco.MjrRect(0, 0, _WIDTH, _HEIGHT)
         mujoco.mjr_render(rectangle, self._scene, self._renderer)
         pixels = np.empty((_HEIGHT, _WIDTH, 3), dtype=np.uint8)

@@ -229,7 +229,8 @@ class CorridorStatistics:
 class PointEntry:
     """Entry of one point into its line."""
 
-    overshoot_m: float | None  # largest distance on the other side than that of the start
+    # Largest distance on the other side of the line, after the point was farthest from it
+    overshoot_m: float | None
     settled_m: float | None  # distance driven until it is within 10 cm for good; None: never
 
 
@@ -420,10 +421,7 @@ def corridor_statistics(record: Record) -> CorridorStatistics | None:
 
 
 def entry_statistics(record: Record, errors: TrackingErrors) -> EntryStatistics | None:
-    """Return how the points came into their lines, None for a start within 10 cm and 2 deg.
-
-    The side on which a point starts is, where it is on its line, that to which the heading points.
-    """
+    """Return how the points came into their lines, None for a start within 10 cm and 2 deg."""
     _, state, reference = rows_at_same_time(record, STATE, REFERENCE)
     if not len(state):
         return None
@@ -439,11 +437,12 @@ def entry_statistics(record: Record, errors: TrackingErrors) -> EntryStatistics 
         cross, at = error.cross_m[rows], driven[rows]
         if not cross.size:
             return PointEntry(None, None)
-        side = math.copysign(1.0, cross[0] if abs(cross[0]) > ENTERED_M else turned)
+        farthest = int(np.abs(cross).argmax())
+        beyond_line = -math.copysign(1.0, cross[farthest]) * cross[farthest:]
         beyond = np.flatnonzero(np.abs(cross) > ENTERED_M)
         entered = int(beyond[-1]) + 1 if beyond.size else 0
         settled_m = float(at[entered]) if entered < len(at) else None
-        return PointEntry(max(0.0, float((-side * cross).max())), settled_m)
+        return PointEntry(max(0.0, float(beyond_line.max())), settled_m)
 
     return EntryStatistics(**{name: entry(error) for name, error in errors.by_point.items()})
 

@@ -160,7 +160,7 @@ def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     if not guidance.stopping:
         tick.stopping = None
     elif tick.stopping is None:
-        tick.stopping = now.time_s, tick.fallback
+        tick.stopping = now.time_s, guidance.diagnostics.fallback
     since_s, reason = tick.stopping or (-math.inf, "")
     stopping = bool(tick.stopping) and (stands or now.time_s - since_s <= limits.stop_time)
     tick.lost = check_termination(now, distance_m, setup.terrain, limits, slip, stopping=stopping)
@@ -265,7 +265,8 @@ def periods(
                 after = f"after {_LONGEST} times the time of its reference"
                 status, failure = "lost", f"{left_m:.0f} m of its path are left {after}"
             else:
-                status, failure = "stopped", f"{tick.fallback}: the reference waited too long"
+                why = setup.guidance.diagnostics.fallback
+                status, failure = "stopped", f"{why}: the reference waited too long"
     except (PlantDiverged, GuidanceFailed, StageFailed, TimeoutError) as error:
         status, failure = "invalid", str(error)
         if error.__cause__ is not None:

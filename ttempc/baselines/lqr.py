@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import check_choice, check_vector
+from ..errors import check_choice, check_positive, check_vector
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..models.linear import riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
 from ..reference.reference import GUIDED, Guided, Reference, guided
-from ..types import Diagnostics, Estimate, FloatArray, Input
+from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
 _M = len(Input)
@@ -33,11 +33,15 @@ class LqrOptions:
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)  # [1/m^2]
     # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction
     step_weight: tuple[float, ...] = (0.3, 0.1, 0.3)
+    # Largest heading at which the tractor approaches its path from beside [deg]: a cross-track
+    # error counts up to that which asks for it. Assumed
+    capture_deg: float = 20.0
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 
     def __post_init__(self) -> None:
         check_vector("output_weight", self.output_weight, _OUTPUTS, zero=True)
         check_vector("step_weight", self.step_weight, _M)
+        check_positive("capture_deg", self.capture_deg)
         check_choice("guided", self.guided, GUIDED)
 
 
@@ -73,11 +77,16 @@ class LqrFeedback(FeedbackLaw):
         a, b, c = error_dynamics(course.reference, course.period_s, len(course.feedforward))
         weights = np.array(options.output_weight), np.array(options.step_weight)
         self._gains = step_gains(a, b, c, *weights)  # (N, 3, 19)
+        heading = self._gains[:, 0, State.PSI_T] + self._gains[:, 0, State.PSI_I]
+        slope = np.abs(heading / self._gains[:, 0, State.Y])
+        self._capture = math.radians(options.capture_deg) * slope  # (N,) [m]
         self._course = course
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         course = self._course
         state = error_state(course.grid.state[k], estimate, course.vehicle)
+        limit = self._capture[k]
+        state[State.Y] = min(max(state[State.Y], -limit), limit)
         previous = course.feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         u_e = previous - self._gains[k] @ np.concatenate([state, previous])
         return Diagnostics(feedback=-u_e, robust=np.zeros(_M))

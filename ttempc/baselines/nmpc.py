@@ -74,12 +74,14 @@ class GaussNewton:
         subsystem: Subsystem,
         tuning: HorizonTuning,
         iterations: int,
+        damping: float = 0.0,  # tau of y + tau y' for the cross-track errors y, in periods
     ) -> None:
         self._model, self._qp = model, PersistentSolver(tuning.solver)
         # `prepare` has a solver of its own: a solve changes the last digits of later results.
         self._preparing_qp = PersistentSolver(tuning.solver)
         self._iterations = iterations
         self._last: tuple[Task, FloatArray] | None = None
+        self._damping = damping
         own, moves = list(subsystem.inputs), tuning.moves
         self._weight = np.array([tuning.output_weight[i] for i in subsystem.outputs])  # (p,)
         self._step_weight = np.tile([tuning.step_weight[i] for i in own], moves)  # (m Nc,)
@@ -128,13 +130,22 @@ class GaussNewton:
         fallback = f"not converged in {self._iterations} iterations: last plan driven"
         return Plan(solution.x, errors, report, fallback if missed else "")
 
+    def _damped(self, outputs: FloatArray) -> FloatArray:
+        """Return y + tau y' in the place of the cross-track errors y (Np, p, ...)."""
+        if not self._damping:
+            return outputs
+        result, across = outputs.copy(), outputs[:, 1::2]
+        rate = self._damping * np.diff(across, axis=0)
+        result[:-1, 1::2] += rate
+        result[-1, 1::2] += rate[-1]
+        return result
+
     def _linearise(self, task: Task, steps: FloatArray) -> tuple[float, QP]:
         """Return the cost under `steps` (m Nc,), and the QP that is linearised there."""
         self._model.evaluate(task, steps, self._errors, self._jacobian)
         gradient, hessian = np.empty_like(steps), np.empty_like(self._sums)
-        cost = condense(
-            self._errors, self._jacobian, self._weight, self._step_weight, steps, hessian, gradient
-        )
+        weighted = self._damped(self._errors), self._damped(self._jacobian)
+        cost = condense(*weighted, self._weight, self._step_weight, steps, hessian, gradient)
         limits = task.bounds.limits
         limits[:, : len(steps)] -= np.tile(task.previous, len(steps) // len(task.previous))
         return cost, QP(hessian, gradient, self._sums, limits)
@@ -148,6 +159,7 @@ _BODY_FIXED, _MAP_FIXED = slice(7, 12), slice(12, 16)  # disturbances in `error_
 class NmpcRtiOptions(MpcOptions):
     """Options of `nmpc-rti`."""
 
+    damping_s: float = 0.0
     solver: Solver = "daqp"  # of the QP: the faster one, or "piqp"
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 
@@ -181,7 +193,7 @@ class NonlinearFeedback(FeedbackLaw):
     def __init__(
         self,
         course: ExactCourse,
-        tuning: HorizonTuning,
+        tuning: MpcOptions,
         subsystems: Sequence[Subsystem],
         *,
         exchange: bool,
@@ -201,7 +213,7 @@ class NonlinearFeedback(FeedbackLaw):
             _Part(
                 np.array(subsystem.inputs),
                 np.array(subsystem.outputs),
-                GaussNewton(model, subsystem, tuning, iterations),
+                GaussNewton(model, subsystem, tuning, iterations, tuning.damping_s / period_s),
                 bounds.at(slice(None), _columns(subsystem, tuning.moves)),
             )
             for subsystem in subsystems

@@ -28,9 +28,13 @@ class PidOptions:
     lag_ratio: float = 6.0
     # Lowest speed that gains are computed for [m/s]; they grow without bound towards 0; assumed
     least_speed_mps: float = 0.3
+    # Largest heading at which the tractor approaches its path from beside [deg]: a cross-track
+    # error counts up to that which asks for it, and the integral grows within it alone. Assumed
+    capture_deg: float = 20.0
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 
     def __post_init__(self) -> None:
+        check_positive("capture_deg", self.capture_deg)
         check_positive("lag_ratio", self.lag_ratio)
         check_positive("least_speed_mps", self.least_speed_mps)
         check_choice("guided", self.guided, GUIDED)
@@ -120,6 +124,10 @@ class PidFeedback(FeedbackLaw):
         self._proportional = np.stack([loop.proportional for loop in loops], axis=-1)  # (N, 3)
         self._integral = np.stack([loop.integral for loop in loops], axis=-1)
         self._derivative = np.stack([loop.derivative for loop in loops], axis=-1)
+        # P e = D v sin(heading) on the approach to the path; the trailer follows the tractor
+        approach = np.abs(loops[0].derivative * speed / loops[0].proportional)
+        limit = approach * np.sin(np.radians(min(options.capture_deg, 90.0)))
+        self._capture = np.stack([limit, limit, np.full_like(limit, np.inf)], axis=-1)  # (N, 3)
         self._speed = np.stack([speed, grid.speed_i], axis=-1)  # (N, 2)
         self._integrals = np.zeros(3)  # the integral actions
         self._unlimited = course.feedforward[0]  # the previous command before the limits
@@ -139,7 +147,8 @@ class PidFeedback(FeedbackLaw):
             [speed_t * np.sin(z_e[Error.PSI_T]), speed_i * np.sin(z_e[Error.PSI_I]), z_e[Error.V]]
         )
         growth = -self._integral[k] * error * course.period_s
-        winding_up = (self._unlimited - sent) * growth > 0.0
+        winding_up = ((self._unlimited - sent) * growth > 0.0) | (np.abs(error) > self._capture[k])
+        error = np.clip(error, -self._capture[k], self._capture[k])
         if k > 0:
             self._integrals = self._integrals + np.where(winding_up, 0.0, growth)
         feedback = self._integrals - self._proportional[k] * error - self._derivative[k] * rate

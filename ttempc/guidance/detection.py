@@ -88,13 +88,13 @@ class DetectorIndex(IntEnum):
     MOTION = 10
     WHEELS = 11
     INNOVATIONS = 12  # of GNSS tractor, GNSS trailer, hitch, encoder
-    HITCH = 16
-    POSITION = 17
-    DRIFT = 18
+    HITCH = 16  # against the motion of both bodies
+    POSITION = 17  # against dead reckoning
+    DRIFT = 18  # of both receivers
 
 
 _COUNT: Final = 19  # detectors
-_GO_ON, _SLOW, _STOP_ON_PATH, _STOP = map(float, Reaction)
+_GO_ON, _SLOW, _STOP_ON_PATH = map(float, (Reaction.GO_ON, Reaction.SLOW, Reaction.STOP_ON_PATH))
 _ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
 _SATURATION: Final = 1.5  # limits at which a sum saturates: an alarm ends soon after its cause
 
@@ -124,6 +124,9 @@ _POSITION_S: Final = 10.0  # memory of dead reckoning
 _DRIFT: Final = 0.0095, 0.033
 # On parallel tracks alone a slope across them, a slip along them and a drift are one.
 _HEADING_S: Final = 40.0
+_JUDGED_S: Final = (
+    20.0  # from the start on, in which a turned entry is a large share of the headings
+)
 _LEAST_SPREAD: Final = 0.25  # of headings: 0 on parallel tracks, near 1 on a circle
 _ROUGH_S: Final = 30.0  # mean of the learnt roughness
 _DRIFT_S: Final = 5.0  # for which they are averaged
@@ -420,11 +423,12 @@ def _observe_estimate(
     side = math.hypot(sx + share * cx, sy + share * cy)
     ratio = max(drift / math.sqrt(max(1.0, rough)) / _DRIFT[0], side / _DRIFT[1], 0.0)
     if 0.0 < span_s <= 1.0 and math.isfinite(ratio) and abs(x[6]) > _MOVING:
-        weight = min(1.0, span_s / _HEADING_S)
+        # All headings so far count alike at first, so that those of an entry do not count for long.
+        weight = min(1.0, span_s / min(_HEADING_S, now))
         s.heading[0] += weight * (math.cos(2.0 * x[2]) - s.heading[0])
         s.heading[1] += weight * (math.sin(2.0 * x[2]) - s.heading[1])
         spread = 1.0 - math.hypot(s.heading[0], s.heading[1])
-        judged = now >= _SETTLED_S and spread >= _LEAST_SPREAD
+        judged = now >= _JUDGED_S and spread >= _LEAST_SPREAD
         s.drift += min(1.0, span_s / _DRIFT_S) * ((ratio if judged else 0.0) - s.drift)
     statistic[DetectorIndex.DRIFT] = residuals[DetectorIndex.DRIFT] = s.drift
     s.present[DetectorIndex.DRIFT, 1] = abs(x[6]) * size * 100.0
@@ -807,15 +811,17 @@ _ANGLES: Final = "front steering angle", "trailer steering angle"
 _OTHERS: Final = "GNSS of the tractor", "GNSS of the trailer", "hitch angle", "encoder"
 _VALVES: Final = "front steering", "trailer steering"
 # By detector: name, limit, reaction, reason. A valve that stands still slows the vehicle down until
-# it is known whether it is stuck. The steering angles have detectors of their own, since a dead
-# time that was not learnt yet makes their innovations large. Innovations of the others grow with a
-# fault of the sensor, and as much with wrong lengths or an assumed noise that is too small: the
-# vehicle goes on, and learns.
+# it is known whether it is stuck. One that is slow steers better than one that is held. The
+# steering angles have detectors of their own, since a dead time that was not learnt yet makes their
+# innovations large. Innovations of the others grow with a fault of the sensor, and as much with
+# wrong lengths or an assumed noise that is too small: the vehicle goes on, and learns.
 _TABLE = [
     (f"readings of the {what}", _REPETITIONS, _GO_ON, f"{what} repeats one reading: not used")
     for what in (*_OTHERS[:2], *_ANGLES, *_OTHERS[2:])
 ]
-_TABLE += [(what, _STEERING, _STOP, f"{what} does not follow its command") for what in _VALVES]
+_TABLE += [
+    (what, _STEERING, _STOP_ON_PATH, f"{what} does not follow its command") for what in _VALVES
+]
 _TABLE += [
     (f"{what} at standstill", _STANDSTILL, _SLOW, f"{what} stands still against its command")
     for what in _VALVES
@@ -857,6 +863,8 @@ class Monitors:
         self.record = new_monitors()  # `MONITORS`
         self._own_alarms = np.tile([-1.0, 0.0, 0.0, 0.0], (len(own), 1))
         self._told: dict[int, Alarm] = {}  # those of a user's detectors, by row
+        self._vehicle: Vehicle | None = None  # of the parameters
+        self._parameters = np.empty(0)  # in the order of `VehicleParameter`
 
     def warm_up(self) -> None:
         """Compile or load what `observe` needs; changes no later result."""
@@ -889,11 +897,13 @@ class Monitors:
             view: makes the estimate, for detectors of a user.
         """
         if self._count:
-            # A tool in the soil has a side slip of its own.
-            limit = math.inf if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
-            self.record.view(MONITORS)["limit"][0, DetectorIndex.DRIFT] = limit
+            if vehicle is not self._vehicle:
+                self._vehicle, self._parameters = vehicle, vehicle_parameters(vehicle)
+                # A tool in the soil has a side slip of its own.
+                limit = math.inf if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
+                self.record.view(MONITORS)["limit"][0, DetectorIndex.DRIFT] = limit
             tick = rows, now, sent, estimate, innovations
-            observe_monitors(vehicle_parameters(vehicle), self.record, *tick)
+            observe_monitors(self._parameters, self.record, *tick)
         if self._own:
             command = None if math.isnan(sent[0]) else Command(*sent.tolist())
             ruled_out = np.flatnonzero(self.record.view(MONITORS)[0]["unused"])
@@ -921,6 +931,10 @@ class Monitors:
         s["pose"], s["offset"], s["whitened"], s["drift"] = math.nan, 0.0, 0.0, 0.0
         s["accepted"] = map_disturbance
         s["alarms"][DetectorIndex.HITCH :] = -1.0, 0.0, 0.0, 0.0
+
+    def forget_pose(self) -> None:
+        """Begin dead reckoning at the next estimate: that of another estimator is no jump."""
+        self.record.view(MONITORS)["pose"][0, 0] = math.nan
 
     @property
     def detectors(self) -> tuple[Detector, ...]:

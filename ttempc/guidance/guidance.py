@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from ..tube.reference_tube import TubeDesign
 
 _PSI_T: Final = (ESTIMATE.fields or {})["state"][1] // 8 + State.PSI_T
+_GO_ON: Final = int(Reaction.GO_ON)  # an enumeration costs six calls a tick
 _HEADINGS: Final = slice(_PSI_T, _PSI_T + 2)
 
 ControllerFactory = Callable[..., Controller]
@@ -397,7 +398,7 @@ class Guidance:
         self._alarms = alarms = self._monitors.observe(
             rows, now, self._sent, self._row, self._innovations, self.vehicle, self._seen
         )
-        if alarms.size and alarms[:, 0].max() > Reaction.GO_ON:
+        if alarms.size and alarms[:, 0].max() > _GO_ON:
             self._learner.forget()
         self._learner.record(self.tick, now, usable, self._sent, *self._row[_HEADINGS].tolist())
         return (
@@ -480,6 +481,7 @@ class Guidance:
             notes.append("the estimator was given as an object and stays as it is")
         else:
             self._estimator = parts.estimator
+            self._monitors.forget_pose()
         if parts.controller is None:
             notes.append("the controller was given as an object and stays as it is")
         else:

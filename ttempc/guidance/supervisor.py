@@ -62,6 +62,7 @@ GUARD: Final = np.dtype(
         ("seen_s", "f8"),  # time of the last accepted GNSS sample, NaN: none
         ("error", "f8", 7),  # z_e of the tick before, NaN: none
         ("lost", "f8"),  # reason of a stop for good
+        ("entry", "f8"),  # by which the distances may exceed their limits, see `_room` [m]
         ("overridden", "f8"),  # whether the last command was not the controller's
         ("waiting", "f8"),  # whether the reference waits where it is ahead
         ("held", "f8"),  # row of the alarm whose stop is held, -1: none
@@ -121,6 +122,7 @@ class Course(NamedTuple):
     safety: FloatArray  # record `SAFETY`
     period_s: float
     speed: float  # largest one of the reference [m/s]
+    radius: float  # of the turn by which a vehicle comes back to its path [m]
     gear: float  # 1, in reverse -1
     hold_back: FloatArray  # (3, 2) whole periods and rest [s] of inputs with a shorter dead time
 
@@ -136,6 +138,8 @@ _UP_TO_SPEED: Final = 0.8  # share of the reference's speed from which on it wai
 LAG_M: Final = 1.0  # behind the reference, up to which a corridor slows the vehicle down; assumed
 _ROUNDING: Final = 1e-9  # an excess over a limit below this is not reported
 _EXCESS: Final = 1e-6  # likewise of a reference
+_MARGIN_M: Final = 0.5  # beside what an entry needs; assumed
+_DELAY_S: Final = 1.0  # until the steering turns a vehicle back; assumed
 _TURN: Final = math.tau
 _SLOW_DOWN, _STOP_ON_PATH, _STOP = (
     float(Reaction.SLOW),
@@ -143,6 +147,20 @@ _SLOW_DOWN, _STOP_ON_PATH, _STOP = (
     float(Reaction.STOP),
 )
 _X_T, _Y_T, _PSI_T, _X_I, _Y_I, _PSI_I, _V = range(7)  # of the error
+
+
+@cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rewrites=True, inline="always")
+def _room(error: FloatArray, course: Course, safety_m: float) -> float:
+    """Return by how much a vehicle that turns back to its path may exceed `safety_m` [m].
+
+    It is what it is beside the path now, and what a turn takes by which a heading away from the
+    path comes back: the turn's depth and the way until the steering acts.
+    """
+    turned, beside = error[_PSI_T], max(abs(error[_Y_T]), abs(error[_Y_I]))
+    if course.gear * error[_Y_T] * math.sin(turned) > 0.0:
+        beside += course.radius * (1.0 - math.cos(turned))
+        beside += _DELAY_S * course.speed * abs(math.sin(turned))
+    return max(0.0, beside + _MARGIN_M - safety_m)
 
 
 @cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rewrites=True)
@@ -213,11 +231,13 @@ def decide(
             t.jump_m = moved
     for i in range(7):
         g.error[i] = error[i]
+    if g.lost == 0.0:
+        g.entry = min(g.entry, _room(error, course, safety.cross_m))
     for body in range(2):
         at = 3 * body
-        if g.lost == 0.0 and math.hypot(error[at], error[at + 1]) > safety.distance_m:
+        if g.lost == 0.0 and math.hypot(error[at], error[at + 1]) > safety.distance_m + g.entry:
             g.lost = LOST + at
-        if g.lost == 0.0 and abs(error[at + 1]) > safety.cross_m:
+        if g.lost == 0.0 and abs(error[at + 1]) > safety.cross_m + g.entry:
             g.lost = LOST + at + 1
         if g.lost == 0.0 and abs(error[at + 2]) > safety.yaw:
             g.lost = LOST + at + 2
@@ -477,12 +497,13 @@ class Supervisor:
       then stop. Both end as soon as the position is known again. An estimator that reports no
       innovation of GNSS is judged by its time stamps and its covariance alone.
     - An alarm of a detector (`ttempc.guidance.detection`): reported, half speed, or a stop until
-      its cause has ended, in which the controller steers unless the steering is the cause. After a
+      its cause has ended, in which the controller steers where the alarm lets it. After a
       jump or a drift of the position that lasts, only `resume` ends it.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
-      hold there.
-    - A controller whose predicted path leaves the corridor: half speed until it does not, or until
-      the vehicle lags a metre behind its time-based reference, with which it catches up later.
+      hold there. A vehicle that starts beside its path may be as far off as its turn back takes
+      it; as it comes in, this room goes down to the limits and never up again.
+    - A controller whose plan leaves the corridor or its hitch angle: half speed until it does not,
+      or until the vehicle lags a metre behind its time-based reference, which it reaches later.
     - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
       nearest tick of the reference.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
@@ -517,7 +538,7 @@ class Supervisor:
         guard["sent"] = np.clip(self._course.inputs[0], limits[0], limits[1])
         guard["began"] = self._law is not None
         guard["finite_s"] = guard["seen_s"] = guard["error"] = math.nan
-        guard["held"], guard["alarm_s"] = -1.0, -math.inf
+        guard["held"], guard["alarm_s"], guard["entry"] = -1.0, -math.inf, math.inf
         self._held = ""  # reason of the stop that is held
         self._told: Diagnostics | None = None  # by the controller at this tick
         self._asked: TrackingController | None = None  # at this tick
@@ -548,6 +569,7 @@ class Supervisor:
             safety=np.array([getattr(self._safety, name) for name in SAFETY.fields or ()]),
             period_s=self._period_s,
             speed=float(np.abs(grid.state[:, State.V]).max()),
+            radius=reference.vehicle.wheelbase / math.tan(0.5 * limits.upper.item(Input.DELTA_T)),
             gear=-1.0 if reference.vehicle.reverse else 1.0,
             hold_back=self._dead_times.hold_back if self._dead_times else np.zeros((3, 2)),
         )
@@ -679,6 +701,7 @@ class Supervisor:
 
     def _words(self, told: str) -> str:
         t, safety = self.tick.view(TICK)[0], self._safety
+        entry = self._guard.view(GUARD)[0]["entry"]
         mode, reason, said = int(t["mode"]), int(t["reason"]), ""
         alarms = [self._reasons(i, row[1:]) for i, row in enumerate(self._alarms) if row[0] >= 0.0]
         limits = {
@@ -691,8 +714,8 @@ class Supervisor:
         elif LOST <= reason < ALARM_HELD:
             body, how = divmod(reason - LOST, 3)
             said = ("tractor ", "trailer ")[body] + (
-                f"more than {safety.distance_m:g} m from its reference",
-                f"more than {safety.cross_m:g} m beside its reference",
+                f"more than {safety.distance_m + entry:.3g} m from its reference",
+                f"more than {safety.cross_m + entry:.3g} m beside its reference",
                 f"turned by more than {math.degrees(safety.yaw):.0f} deg",
             )[how]
         elif reason == ALARM_HELD:
@@ -706,7 +729,8 @@ class Supervisor:
         if mode == HOLD:
             return said
         if reason == CORRIDOR:
-            said = f"corridor cannot be kept: half speed until {LAG_M:g} m behind the reference"
+            said = "corridor cannot be kept, or the hitch angle's bound: half speed until "
+            said += f"{LAG_M:g} m behind the reference"
         elif reason:
             said += ": half speed"
         jump = float(t["jump_m"])

@@ -336,13 +336,14 @@ class ArticulatedLaw(FeedbackLaw):
         self._last: tuple[FloatArray, FloatArray] | None = None  # estimate and command, of a step
 
     def resume(self, previous: object) -> None:
-        """Keep autocorrelation and nominal input, see `ttempc.types.Resuming`.
+        """Keep autocorrelation, nominal input and entry, see `ttempc.types.Resuming`.
 
         The nominal state, an error to another reference, starts anew.
         """
         if isinstance(previous, ArticulatedLaw):
             mine, other = self._memory.view(MEMORY)[0], previous._memory.view(MEMORY)[0]
             mine["correlation"], mine["feedback"] = other["correlation"], other["feedback"]
+            self.mpc.work.entering[:] = previous.mpc.work.entering
 
     def act(
         self,
@@ -358,6 +359,7 @@ class ArticulatedLaw(FeedbackLaw):
     def prepare(self, k: int) -> None:
         """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
+            self.mpc.beside.entering[:] = self.mpc.work.entering
             self._drive(k, *self._last, self.mpc.beside, self._memory.copy(), new_tick())
 
     def warm_up(self) -> None:

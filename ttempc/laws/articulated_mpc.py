@@ -15,7 +15,9 @@ from ..models.linear import riccati_gains
 from ..mpc.articulated_error import (
     PredictedPath,
     corridor_bounds,
+    damped,
     error_dynamics,
+    hitch_bounds,
     remaining_bounds,
 )
 from ..mpc.lmpc import CondensedHorizon, HorizonTuning
@@ -61,7 +63,14 @@ class MpcOptions(HorizonTuning):
     # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction
     step_weight: tuple[float, ...] = (0.3, 0.1, 0.1)
     # [rad], [rad], fraction
-    input_bound: tuple[float, ...] = (math.radians(20.0), math.radians(20.0), 0.5)
+    input_bound: tuple[float, ...] = (math.radians(25.0), math.radians(20.0), 0.5)
+    # tau of y + tau y', which is in the place of the cross-track errors y in the cost while the
+    # vehicle enters its line from beside it; of an NMPC always [s]
+    damping_s: float = 1.5
+
+    def __post_init__(self) -> None:
+        HorizonTuning.__post_init__(self)
+        check_positive("damping_s", self.damping_s, zero=True)
 
     def for_vehicle(self, vehicle: Vehicle, speed_mps: float, period_s: float) -> Self:
         """Return the options for a vehicle, the largest speed of its reference and a period.
@@ -94,6 +103,7 @@ class NominalOptions(MpcOptions):
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
     corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
+    hitch_limit_deg: float = 45.0  # largest |beta| of plans; that of the corridor where less
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
     # Half widths that tractor and trailer keep about the path: h_0, and h_1 by which they grow with
     # the speed. Whoever plans the reference drives a corridor as slowly as they ask, see
@@ -112,6 +122,7 @@ class NominalOptions(MpcOptions):
         MpcOptions.__post_init__(self)
         check_flag("disturbances", self.disturbances)
         check_flag("corridor", self.corridor)
+        check_positive("hitch_limit_deg", self.hitch_limit_deg)
         check_choice("guided", self.guided, GUIDED)
         SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
 
@@ -231,6 +242,7 @@ def articulated_controller(
     a, b, c = error_dynamics(reference, period_s, len(course.feedforward))
     bounds = remaining_bounds(course.feedforward, course.limits)
     kind, free, soft = NOMINAL, None, None
+    spread, limit = np.zeros(options.horizon + 1), math.radians(options.hitch_limit_deg)
     parts: dict[str, FloatArray | float] = {"disturbances": float(options.disturbances)}
     if isinstance(options, ArticulatedOptions) and options.robust:
         kind = ONE_STEP if options.nominal == "one-step" else TUBE_READING
@@ -245,6 +257,7 @@ def articulated_controller(
             tube = GrowingTube.along(design, a, b, c, course.feedforward, options)
             parts |= {"ancillary": tube.gains, "reserve": tube.reserve}
             free = tube.bounds
+            spread[:-1], spread[-1] = tube.hitch, tube.hitch[-1]
         if design and kind == ONE_STEP:
             rows = report_rows(c[:-1, :, : len(State)])
             flat = rows.reshape(-1, len(State))
@@ -253,11 +266,17 @@ def articulated_controller(
             parts |= {"faces": faces, "rows": rows, "half_widths": width.reshape(rows.shape[:2])}
     if reference.corridor and options.corridor:
         first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
-        soft = corridor_bounds(reference.corridor, course.grid, c, first)
+        soft = corridor_bounds(reference.corridor, course.grid, c, first, options.horizon)
+        if reference.corridor.hitch_limit is not None:
+            reference.corridor.require_hitch(course.grid.hitch_angle)
+            limit = min(limit, reference.corridor.hitch_limit)
+    front = options.input_bound[Input.DELTA_T]
+    soft = hitch_bounds(course.grid, course.vehicle, limit, spread, front).beside(soft)
+    entry = damped(a, c, period_s, options.damping_s)
     # the rows that change: along a long reference these matrices are the largest
     a, b = a[:, : len(State)].copy(), b[:, : len(State)].copy()
-    horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft)
-    del a, b, c
+    horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, entry)
+    del a, b, c, entry
     law = law_of(kind, course.grid.state, course.feedforward, course.vehicle, **parts)
     return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))
 

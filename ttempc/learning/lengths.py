@@ -147,6 +147,7 @@ _GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
 _SLIP: Final = 0.03  # relative tolerance of what tyres can feign, see `_tolerance`; assumed
 _N: Final = len(LENGTHS)
 _CHANGE_M: Final = 0.03  # the same of the turning offset, whose effect is as its own; assumed
+_TURN_M: Final = 0.01  # its change below which nothing is exchanged: its prior is in it; assumed
 _CHANGE: Final = 0.02  # relative change of the lengths below which nothing is exchanged; assumed
 _REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
 KNOWN_SD: Final = 0.05
@@ -183,7 +184,7 @@ class LengthIdentifier:
             lengths = np.append(given[:_N], (lengths + covariance[:, :_N] @ by_lengths)[_N:])
         settled &= bool((sd[_N:] < _CHANGE_M).all())
         change = lengths - present
-        turned = bool((np.abs(change) > np.maximum(_CHANGE_M, sd))[_N:].any())
+        turned = bool((np.abs(change[_N:]) > _TURN_M).any())
         if np.linalg.norm(change[:_N] / given[:_N]) < _CHANGE and not turned:
             return Identification(vehicle, (), settled)
         rows = zip(_names(vehicle), present.tolist(), lengths.tolist(), sd.tolist(), strict=True)

@@ -21,6 +21,7 @@ from ..reference.reference import Reference, ReferenceSample
 from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Shared, State
 from ..vehicle import CommandLimits, Vehicle
 from .lmpc import OutputBounds, StageBounds, Work
+from .qp import PENALTY
 
 
 def rotation(angle: FloatArray) -> FloatArray:
@@ -216,41 +217,91 @@ def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBou
 _ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and trailer point
 
 
+def damped(a: FloatArray, outputs: FloatArray, period_s: float, damping_s: float) -> FloatArray:
+    """Return the outputs C (N + 1, 4, n) with y + tau y' for the cross-track errors y.
+
+    tau is `damping_s`. Over a period without inputs y' = (C_{k+1} A_k - C_k) z / T; an input acts
+    on it through the states alone. A cost of these outputs has its minimum on the approach
+    y' = -y / tau, which crosses no line.
+    """
+    result = outputs.copy()
+    rate = (outputs[1:, _ACROSS] @ a[: len(outputs) - 1] - outputs[:-1, _ACROSS]) / period_s
+    result[:-1, _ACROSS] += damping_s * rate
+    result[-1, _ACROSS] += damping_s * rate[-1]
+    return result
+
+
+HITCH: Final = np.eye(_N)[State.PSI_T] - np.eye(_N)[State.PSI_I] - np.eye(_N)[State.DELTA_I]
+"""Row from the error z_e to that of the hitch angle, beta = psi_t - psi_i - delta_i."""
+_HITCH_PENALTY: Final = 1000.0  # of a hitch angle beyond its bound [1/rad]; assumed
+_HELD_SHARE: Final = 0.4  # of `held_lambda`, that plans in reverse may take; assumed
+_ROOM: Final = math.radians(3.0)  # beyond the reference that a bound leaves at least; assumed
+
+
 def corridor_bounds(
-    corridor: Corridor, grid: ReferenceSample, outputs: FloatArray, first: int
+    corridor: Corridor, grid: ReferenceSample, outputs: FloatArray, first: int, horizon: int
 ) -> OutputBounds:
     """Return the bounds on the predicted error that keep the vehicle in its corridor.
 
-    The rows are the cross-track errors of tractor and trailer point, that of the tool point where
-    there is one, and the error of the hitch angle where it is limited. With a tool l behind the
-    trailer point and beta = psi_t - psi_i - delta_i, they are to first order
+    The rows are the cross-track errors of tractor and trailer point, and that of the tool point
+    where there is one. With a tool l behind the trailer point it is to first order
 
-        y_tool = y_i - l psi_i,    beta_e = psi_t - psi_i - delta_i    of the error z_e,
+        y_tool = y_i - l psi_i    of the error z_e.
 
-    and |beta_r - beta_e| is at most the limit. Errors are those to the reference of the same time:
-    on a curve the vehicle has to be near it along the path, too.
+    Errors are those to the reference of the same time: on a curve the vehicle has to be near it
+    along the path, too.
 
     `outputs` are C (N + 1, 4, n) of `error_dynamics`; the bounds hold from the stage `first` on.
-
-    Raises:
-        InvalidTuning: the reference itself is beyond the limit of the hitch angle, with numbers.
     """
-    ticks, _, n = outputs.shape
-    corridor.require_hitch(grid.hitch_angle)
+    n = outputs.shape[2]
     half_width = corridor.half_width(grid.distance_m)
     rows = [outputs[:, row] for row in _ACROSS]
-    upper = [half_width, half_width]
     if corridor.tool_behind_m is not None:
         behind = np.zeros(n)
         behind[State.PSI_I] = corridor.tool_behind_m
         rows.append(rows[1] - behind)
-        upper.append(half_width)
-    lower = [-bound for bound in upper]
-    if corridor.hitch_limit is not None:
-        beta, limit = grid.hitch_angle, corridor.hitch_limit
-        hitch = np.zeros((ticks, n))
-        hitch[:, [State.PSI_T, State.PSI_I, State.DELTA_I]] = 1.0, -1.0, -1.0
-        rows.append(hitch)
-        lower.append(beta - limit)
-        upper.append(beta + limit)
-    return OutputBounds(np.stack(rows, 1), np.stack(lower, 1), np.stack(upper, 1), first)
+    upper = np.tile(half_width[:, None], (1, len(rows)))
+    spread = np.zeros((horizon + 1, len(rows)))
+    spread[:first] = -np.inf
+    return OutputBounds(np.stack(rows, 1), -upper, upper, spread, np.full(len(rows), PENALTY))
+
+
+def hitch_bounds(
+    grid: ReferenceSample, vehicle: Vehicle, limit: float, spread: FloatArray, delta_t: float
+) -> OutputBounds:
+    """Return the bounds that keep the true hitch angle within `limit` [rad] over the horizon.
+
+    `spread` (Np + 1,) [rad] is by how much the true angle may deviate at stage j from that of the
+    linear plan. Forwards the trailer follows; the model takes lambda for sin lambda, which changes
+    the angle by `limit` - sin `limit` at most while it is within the limit. That is taken off as
+    well.
+
+    In reverse the trailer folds by itself. The bound is then on lambda = beta + delta_i, a share of
+    `held_lambda` of the front steering `delta_t` that the plan may take: what remains turns lambda
+    back. |beta| is at most that and the bound of delta_i.
+
+    Where the reference itself comes closer than 3 deg to the bound, the bound gives way to that
+    distance.
+    """
+    angle, row, largest = grid.hitch_angle, HITCH, math.sin(limit)
+    if vehicle.reverse:
+        angle = grid.state[:, State.PSI_T] - grid.state[:, State.PSI_I]
+        row = HITCH + np.eye(_N)[State.DELTA_I]
+        largest = min(limit, _HELD_SHARE * held_lambda(vehicle, delta_t))
+    rows = np.zeros((len(angle), 1, _SIZE))
+    rows[:, 0, :_N] = row
+    room = np.maximum(largest, np.abs(angle) + _ROOM + spread.max())
+    lower, upper = (angle - room)[:, None], (angle + room)[:, None]
+    return OutputBounds(rows, lower, upper, spread[:, None], np.full(1, _HITCH_PENALTY))
+
+
+def held_lambda(vehicle: Vehicle, delta_t: float) -> float:
+    """Return the lambda [rad] that the front steering `delta_t` [rad] holds on a steady turn.
+
+    With delta_i = 0 both bodies then turn alike, t (L_i + d) = sin lambda - a t cos lambda with the
+    tractor's curvature t = tan delta_t / L_t. In reverse a larger lambda grows without end.
+    """
+    turn = math.tan(delta_t) / vehicle.wheelbase
+    behind = vehicle.hitch_offset * turn
+    length = vehicle.drawbar_length + vehicle.trailer_length
+    return math.atan(behind) + math.asin(min(1.0, turn * length / math.hypot(1.0, behind)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, Final, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -96,14 +96,33 @@ class StageBounds(NamedTuple):
         return np.minimum(np.maximum(previous, lower - step_upper), upper - step_lower)
 
 
+ENTERS: Final = 0.5
+"""Cross-track error, or its damped one, from which the vehicle enters its line [m]; assumed."""
+LEAVES: Final = 0.1
+"""Both errors with which the entry ends [m]; assumed."""
+
+
 @dataclass(frozen=True, slots=True)
 class OutputBounds:
-    """Bounds lower <= S z <= upper on r outputs of the state at N + 1 ticks; infinite: free."""
+    """Bounds on r outputs of the state at N + 1 ticks; infinite: free.
+
+    At stage j of a horizon, lower + spread_j <= S z <= upper - spread_j.
+    """
 
     rows: FloatArray  # S (N + 1, r, n)
     lower: FloatArray  # (N + 1, r)
     upper: FloatArray  # (N + 1, r)
-    first: int = 1  # stage of the horizon from which on they hold
+    spread: FloatArray  # (Np + 1, r)
+    penalty: FloatArray  # of a violation, see `PENALTY`, (r,)
+
+    def beside(self, other: OutputBounds | None) -> OutputBounds:
+        """Return these bounds and those of `other`."""
+        if other is None:
+            return self
+        pairs = ((getattr(self, item.name), getattr(other, item.name)) for item in fields(self))
+        return OutputBounds(
+            *(np.concatenate(pair, axis=min(pair[0].ndim - 1, 1)) for pair in pairs)
+        )
 
 
 class Stages(NamedTuple):
@@ -117,16 +136,19 @@ class Stages(NamedTuple):
     step_weight: FloatArray  # (m,)
     soft_rows: FloatArray  # S (N + 1, s, r) of the soft bounds; (0, 0, r) without them
     soft_limits: FloatArray  # (N + 1, 2, s)
-    soft_first: int  # stage from which on they hold
+    soft_spread: FloatArray  # taken off them at each stage, (Np + 1, s)
+    soft_penalty: FloatArray  # (s,)
+    damped: FloatArray  # rows of the cost in the place of C while an error is large; (0, p, n)
 
 
 class Work(NamedTuple):
     """Arrays of one tick of a `CondensedHorizon`, and the set of bounds that were active last."""
 
-    tick: FloatArray  # (1,) of Hessian, factor and response; -1: none
+    tick: FloatArray  # (2,) of Hessian, factor and response; -1: none; `entering` of them
     hessian: FloatArray  # (m Nc, m Nc)
     factor: FloatArray  # (m Nc, m Nc)
     response: FloatArray  # of z_{k+1} ... z_{k+Np} to the steps, (Np, r, m Nc)
+    entering: FloatArray  # whether the cost has the damped rows (1,)
     given: FloatArray  # z_k, u_{k-1} (n + m,)
     free: FloatArray  # z_k ... z_{k+Np} with the input held, (Np + 1, r)
     gradient: FloatArray  # (m Nc,)
@@ -153,6 +175,8 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
         stages.output_weight,
         stages.step_weight,
     )
+    if work.entering[0] != 0.0:
+        outputs = stages.damped
     response, hessian, row, m = work.response, work.hessian, np.empty(size), costs.size
     given = model.shape[2] - m
     for a in range(size):
@@ -190,7 +214,7 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
         for b in range(a):
             hessian[b, a] = hessian[a, b]
     convex = factorise(hessian, work.factor)
-    work.tick[0] = k if convex else -1.0
+    work.tick[0], work.tick[1] = k if convex else -1.0, work.entering[0]
     return convex
 
 
@@ -208,6 +232,8 @@ def pose(k: int, stages: Stages, work: Work) -> None:
         stages.limits,
         stages.output_weight,
     )
+    if work.entering[0] != 0.0:
+        outputs = stages.damped
     given, free, gradient, left = work.given, work.free, work.gradient, work.limits
     m = stages.step_weight.size
     n = model.shape[2] - m
@@ -236,6 +262,8 @@ def pose(k: int, stages: Stages, work: Work) -> None:
             error = 0.0
             for i in range(r):
                 error += outputs[k + j + 1, p, i] * free[j + 1, i]
+            for i in range(r, outputs.shape[2]):
+                error += outputs[k + j + 1, p, i] * given[i]
             error *= 2.0 * weights[p]
             for i in range(r):
                 ahead[i] += error * outputs[k + j + 1, p, i]
@@ -260,30 +288,54 @@ def pose(k: int, stages: Stages, work: Work) -> None:
 def are_slack(k: int, stages: Stages, work: Work) -> bool:
     """Whether the steps of tick `k` keep to all soft bounds."""
     horizon, r, size = work.response.shape
-    rows, limits, state = stages.soft_rows, stages.soft_limits, np.empty(r)
-    for j in range(stages.soft_first, horizon + 1):
+    rows, limits, spread = stages.soft_rows, stages.soft_limits, stages.soft_spread
+    state = np.empty(r)
+    for j in range(1, horizon + 1):
         for i in range(r):
-            state[i] = work.free[j, i]
-            for a in range(size):
-                state[i] += work.response[j - 1, i, a] * work.steps[a]
+            state[i] = math.nan
         for p in range(rows.shape[1]):
             value = 0.0
             for i in range(r):
+                if rows[k + j, p, i] == 0.0:
+                    continue
+                if math.isnan(state[i]):
+                    state[i] = work.free[j, i]
+                    for a in range(size):
+                        state[i] += work.response[j - 1, i, a] * work.steps[a]
                 value += rows[k + j, p, i] * state[i]
-            if not limits[k + j, 0, p] - HOLDS <= value <= limits[k + j, 1, p] + HOLDS:
+            low, high = limits[k + j, 0, p] + spread[j, p], limits[k + j, 1, p] - spread[j, p]
+            if not low - HOLDS <= value <= high + HOLDS:
                 return False
     return True
 
 
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
+def enter(k: int, stages: Stages, work: Work) -> None:
+    """Write whether the vehicle enters its line at tick `k` into `Work.entering`."""
+    damped, outputs, given, largest = stages.damped, stages.outputs, work.given, 0.0
+    for p in range(damped.shape[1] if damped.shape[0] else 0):
+        value = rate = 0.0
+        for i in range(damped.shape[2]):
+            now = outputs[k, p, i] if i < outputs.shape[2] else 0.0
+            value += now * given[i]
+            rate += (damped[k, p, i] - now) * given[i]
+        if rate != 0.0:  # of an output that is damped
+            largest = max(largest, abs(value), abs(value + rate))
+    work.entering[0] = 1.0 if largest > (LEAVES if work.entering[0] != 0.0 else ENTERS) else 0.0
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def plan(k: int, stages: Stages, work: Work, most: int) -> int:
     """Write the steps of tick `k` for `Work.given`; return the outcome as `minimise`.
 
     Below 0 `LinearMpc.answer` is to complete them; so it is where a soft bound would be violated.
     """
-    if work.tick[0] != k and not condense(k, stages, work):
+    enter(k, stages, work)
+    known = work.tick[0] == k and work.tick[1] == work.entering[0]
+    if not known and not condense(k, stages, work):
         return NOT_CONVEX
     pose(k, stages, work)
-    _, hessian, factor, _, _, _, gradient, limits, active, steps, _ = work
+    _, hessian, factor, _, _, _, _, gradient, limits, active, steps, _ = work
     outcome = minimise(hessian, factor, gradient, stages.matrix, limits, active, most, steps)
     if outcome >= 0 and len(stages.soft_rows) and not are_slack(k, stages, work):
         return UNSOLVED
@@ -311,6 +363,8 @@ class CondensedHorizon(Shared):
         bounds: (N, m) each, in addition to those of the tuning.
         free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
             the tuning and `bounds`.
+        damped: what the cost weighs in the place of the outputs (N + 1, p, n), from an error of
+            `ENTERS` on until both it and the output are within `LEAVES`.
         soft: bounds on outputs of the states z_{k+1} ... z_{k+Np}, kept as far as possible.
 
     Raises:
@@ -327,6 +381,7 @@ class CondensedHorizon(Shared):
         bounds: StageBounds | None = None,
         free_bounds: StageBounds | None = None,
         soft: OutputBounds | None = None,
+        damped: FloatArray | None = None,
     ) -> None:
         n, m = a.shape[2], b.shape[2]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
@@ -350,7 +405,9 @@ class CondensedHorizon(Shared):
             step_weight=np.array(tuning.step_weight),
             soft_rows=np.ascontiguousarray(soft.rows[..., :r]) if soft else none,
             soft_limits=np.stack([soft.lower, soft.upper], axis=1) if soft else none,
-            soft_first=min(soft.first, horizon) if soft else 0,
+            soft_spread=soft.spread if soft else np.zeros((0, 0)),
+            soft_penalty=soft.penalty if soft else np.zeros(0),
+            damped=np.zeros((0, p, n)) if damped is None else np.ascontiguousarray(damped),
         )
         work = self.work()
         finite = np.isfinite(self.stages.model).all() and np.isfinite(c).all()
@@ -362,7 +419,8 @@ class CondensedHorizon(Shared):
         stages, size = self.stages, len(self.stages.matrix)
         _, r, given = stages.model.shape
         return Work(
-            tick=np.full(1, -1.0),
+            tick=np.full(2, -1.0),
+            entering=np.zeros(1),
             hessian=np.zeros((size, size)),
             factor=np.zeros((size, size)),
             response=np.zeros((self.horizon, r, size)),
@@ -382,17 +440,16 @@ class CondensedHorizon(Shared):
 
     def _soft_rows(self, k: int, work: Work) -> SoftRows | None:
         """Return the soft rows of tick `k`, None where no bound of its stages is finite."""
-        first = self.stages.soft_first
-        ahead = slice(k + first, k + 1 + self.horizon)
+        ahead = slice(k + 1, k + 1 + self.horizon)
         rows, limits = self.stages.soft_rows[ahead], self.stages.soft_limits[ahead]
         if not np.isfinite(limits).any():
             return None
-        offset = (rows @ work.free[first:, :, None]).ravel()
+        spread, offset = self.stages.soft_spread[1:], (rows @ work.free[1:, :, None]).ravel()
         return SoftRows(
-            matrix=(rows @ work.response[first - 1 :]).reshape(len(offset), -1),
-            lower=np.maximum(limits[:, 0].ravel(), -FREE) - offset,
-            upper=np.minimum(limits[:, 1].ravel(), FREE) - offset,
-            outputs=rows.shape[1],
+            matrix=(rows @ work.response).reshape(len(offset), -1),
+            lower=np.maximum((limits[:, 0] + spread).ravel(), -FREE) - offset,
+            upper=np.minimum((limits[:, 1] - spread).ravel(), FREE) - offset,
+            penalty=self.stages.soft_penalty,
         )
 
 
@@ -471,5 +528,5 @@ class LinearMpc:
 
     def prepare(self, k: int) -> None:
         """Condense tick `k` and plan it for the data of the last step, to fill the caches."""
-        self.beside.given[:] = self.work.given
+        self.beside.given[:], self.beside.entering[:] = self.work.given, self.work.entering
         plan(k, self.horizon.stages, self.beside, self.most)

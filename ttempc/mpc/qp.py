@@ -35,7 +35,7 @@ class SoftRows:
     matrix: FloatArray  # G (Np r, n)
     lower: FloatArray  # (Np r,)
     upper: FloatArray  # (Np r,)
-    outputs: int  # r
+    penalty: FloatArray  # of the slack of each output, see `PENALTY`, (r,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +56,15 @@ class QP:
         soft = self.soft
         if soft is None:
             return self
-        m, n, r = *self.matrix.shape, soft.outputs
-        hessian = PENALTY * np.eye(n + r)
+        m, n, r = *self.matrix.shape, len(soft.penalty)
+        hessian = np.diag(np.concatenate([np.zeros(n), soft.penalty]))
         hessian[:n, :n] = self.hessian
         slack = np.tile(np.eye(r), (len(soft.lower) // r, 1))  # to the rows, (Np r, r)
         rows = [self.matrix, np.zeros((m, r))], [soft.matrix, -slack], [-soft.matrix, -slack]
         upper = np.concatenate([soft.upper, -soft.lower])
         of_rows = [np.full_like(upper, -np.inf), upper]
         parts = self.limits[:, :m], of_rows, self.limits[:, m:], np.outer([0.0, np.inf], np.ones(r))
-        gradient = np.concatenate([self.gradient, np.full(r, PENALTY)])
+        gradient = np.concatenate([self.gradient, soft.penalty])
         return QP(hessian, gradient, np.block([*rows]), np.concatenate(parts, axis=1))
 
     def objective(self, x: FloatArray) -> float:

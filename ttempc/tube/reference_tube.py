@@ -9,7 +9,7 @@ from functools import reduce
 import numpy as np
 
 from ..errors import InvalidTube
-from ..mpc.articulated_error import error_dynamics, remaining_bounds
+from ..mpc.articulated_error import HITCH, error_dynamics, remaining_bounds
 from ..mpc.lmpc import HorizonTuning, StageBounds, stage_bounds
 from ..reference.reference import Reference, exact_feedforward
 from ..types import FloatArray, Input, State
@@ -303,6 +303,9 @@ class GrowingTube:
     gains: FloatArray  # K (T, m, n)
     reserve: FloatArray  # (Np, T, m) of the input at stage j, by the tick at which the stage lies
     bounds: StageBounds  # of the free stages of every tick, (ticks, m Nc)
+    # Largest deviation of the true hitch angle from the plan's at stage j, (Np,) [rad]: that of the
+    # estimate, and its error
+    hitch: FloatArray
 
     @classmethod
     def along(
@@ -322,13 +325,15 @@ class GrowingTube:
             InvalidTube: no gain minimises the cost of the design's weights.
         """
         limits = CommandLimits.of(design.vehicle, design.period_s)
-        system, inputs, rates = steered_system(design, a, b, c, limits, tuning.horizon)
+        system, inputs, rates, hitch = steered_system(design, a, b, c, limits, tuning.horizon)
         free = stage_bounds(tuning, design.period_s, len(a), remaining_bounds(feedforward, limits))
         reserve = np.minimum(inputs, _reservable(free.lower, free.upper))
         of_rates = np.minimum(rates, _reservable(free.step_lower, free.step_upper))
+        spread = hitch.max(axis=1) + design.estimate_error.support(HITCH[None])
         gains = system.gains
-        del system, inputs, rates  # large along a long reference
-        return cls(gains, reserve, horizon_bounds(free, reserve, of_rates, tuning.moves))
+        del system, inputs, rates, hitch  # large along a long reference
+        bounds = horizon_bounds(free, reserve, of_rates, tuning.moves)
+        return cls(gains, reserve, bounds, spread)
 
 
 def steered_system(
@@ -338,7 +343,7 @@ def steered_system(
     c: FloatArray,
     limits: CommandLimits,
     horizon: int,
-) -> tuple[TrackingSystem, FloatArray, FloatArray]:
+) -> tuple[TrackingSystem, FloatArray, FloatArray, FloatArray]:
     """Return the closed loop of the ancillary gain, and `reachable_inputs` of it.
 
     A tube that ends with the horizon needs no gain that contracts, so that the gain can leave the
@@ -357,10 +362,10 @@ def steered_system(
         gains = full.gains.copy()
         gains[:, Input.HP] = 0.0
         system = replace(full, gains=gains)
-        inputs, rates = reachable_inputs(system, design.disturbance, horizon)
+        inputs, rates, hitch = reachable_inputs(system, design.disturbance, horizon)
         factors = np.where(rates.max(axis=(0, 1)) > most, 2.0, 1.0)
         if np.all(factors == 1.0) or max(weights.inputs) > _LARGEST_WEIGHT:
-            return system, inputs, rates
+            return system, inputs, rates, hitch
         weights = AncillaryWeights.of(weights.flat * np.append(np.ones(9), factors))
 
 
@@ -370,21 +375,23 @@ def _reservable(lower: FloatArray, upper: FloatArray) -> FloatArray:
 
 def reachable_inputs(
     system: TrackingSystem, disturbance: DisturbanceSet, horizon: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return the half widths of K m and of its change in a period, (horizon, T, m) each.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the half widths of K m, of its change in a period, and of the hitch angle's deviation.
 
-    Entry (j, k) is for the deviation m(k) that was 0 at tick k - j. Blocks of N steps, counted back
-    from tick k, each have bounded energy, see `DisturbanceSet`.
+    They are (horizon, T, m), twice, and (horizon, T). Entry (j, k) is for the deviation m(k) that
+    was 0 at tick k - j. Blocks of N steps, counted back from tick k, each have bounded energy, see
+    `DisturbanceSet`.
     """
     gains, m = system.gains, system.gains.shape[1]
-    rows = np.concatenate([gains, gains], axis=1)  # on m(k): inputs, rates
+    hitch = np.broadcast_to(HITCH, (len(gains), 1, _N))
+    rows = np.concatenate([gains, hitch, gains], axis=1)  # on m(k): inputs, hitch, rates
     half = np.zeros((horizon, *rows.shape[:2]))
     for first in range(0, len(gains), _BLOCK):
-        ticks = np.arange(first, min(first + _BLOCK, len(gains)))
-        backwards = reach_backwards(system, disturbance, ticks, rows[ticks], rates=slice(m, None))
+        at = np.arange(first, min(first + _BLOCK, len(gains)))
+        backwards = reach_backwards(system, disturbance, at, rows[at], rates=slice(m + 1, None))
         for j, (completed, energy, _) in zip(range(1, horizon), backwards, strict=False):
-            half[j, ticks] = completed + disturbance.reach(energy)
-    return half[..., :m], half[..., m:]
+            half[j, at] = completed + disturbance.reach(energy)
+    return half[..., :m], half[..., m + 1 :], half[..., m]
 
 
 def horizon_bounds(

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ttempc.guidance.detection import Alarm, DetectorIndex, Monitors, Reaction
 from ttempc.types import FloatArray
@@ -63,7 +63,7 @@ def off_the_path(record: Record, start_s: float) -> float:
             for table in (reference, state)
         )
         if rows.any():
-            worst = max(worst, float(cKDTree(path).query(places[rows])[0].max()))
+            worst = max(worst, float(KDTree(path).query(places[rows])[0].max()))
     return worst
 
 

@@ -124,6 +124,18 @@ def test_a_residual_of_nothing_is_the_controller_bit_for_bit(driven):
     np.testing.assert_array_equal(states, at_ticks(record))
 
 
+def test_a_stop_of_the_supervisor_ends_the_run_as_that_of_a_controller():
+    stuck = ("path={kind='straight', length_m=20}", "faults=[{kind='gnss_frozen',start_s=1.0}]")
+    summary, _ = simulate(*load("grass", stuck), SEED)
+    environment = FieldTrial("grass", stuck, action="residual")
+    environment.reset(seed=SEED)
+    while "status" not in (info := environment.step(np.zeros(3))[4]):
+        pass
+    assert (info["status"], info["failure"]) == (summary.status, summary.failure)
+    assert info["status"] == "stopped"
+    assert info["time_s"] == pytest.approx(summary.duration_s)
+
+
 def test_normalised_commands_span_the_limits_and_drive_the_same_way(driven):
     _, record = driven
     lower, upper = (
@@ -174,8 +186,9 @@ def test_an_action_that_is_no_number_is_the_last_command():
     assert not terminated
     assert "not finite" in info["fallback"]
     np.testing.assert_array_equal(observation[-3:], start[-3:])  # the command that was sent
-    with pytest.raises(ValueError, match=r"shape \(2,\)"):
-        environment.step(np.zeros(2))
+    for action, named in ((np.zeros(2), r"shape \(2,\)"), ([0, 0, 10**400], "three numbers")):
+        with pytest.raises(ValueError, match=named):
+            environment.step(action)
 
 
 def test_options_are_refused_in_a_line_and_code_of_a_file_needs_trust(tmp_path):
@@ -183,6 +196,8 @@ def test_options_are_refused_in_a_line_and_code_of_a_file_needs_trust(tmp_path):
         ({"action": "torque"}, "action: must be one of command, residual"),
         ({"residual_share": 0.0}, "residual_share: "),
         ({"render_mode": "human"}, "render_mode: "),
+        ({"residual_share": "1"}, "residual_share: "),
+        ({"overrides": 1}, "overrides "),
     ):
         with pytest.raises(BadOptions, match=message):
             FieldTrial("grass", **options)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from proving_ground.experiments.scenario.scenario import load
 
+from tests.reference.models.kinematics import advance
 from tests.ttempc.closed_loop import PERIOD_S, seen_truth
 from ttempc.baselines.pid import front_steering_gains, pole, speed_gains, trailer_steering_gains
 from ttempc.guidance.controllers import make_controller
+from ttempc.models.kinematics import NO_DISTURBANCE
 from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.types import State
 from ttempc.vehicle import Vehicle
 
 
@@ -79,3 +84,18 @@ def test_integral_waits_while_an_input_is_at_its_limit():
         beyond = reference.at(k * PERIOD_S).state + np.array([0.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
         command = controller.step(seen_truth(beyond, k * PERIOD_S, vehicle), k).command
     assert command.delta_t > 0.0
+
+
+@pytest.mark.parametrize("name", ["pid", "lqr"])
+def test_from_beside_it_approaches_at_the_capture_angle(name):
+    vehicle = Vehicle()
+    reference = Reference(straight(60.0), vehicle, ConstantSpeed(1.0))
+    options = {"capture_deg": 25.0}
+    controller = make_controller(name, vehicle, reference, PERIOD_S, options=options)
+    state, headings = reference.at(0.0).state + np.array([0.0, 4.5, 0.0, 0.0, 0.0, 0.0, 0.0]), []
+    for k in range(30):
+        command = controller.step(seen_truth(state, k * PERIOD_S, vehicle), k).command.as_array()
+        for _ in range(20):
+            state = advance(state, command, vehicle, PERIOD_S / 20, NO_DISTURBANCE)
+        headings.append(-math.degrees(state[State.PSI_T]))
+    assert 20.0 < max(headings) < 32.0

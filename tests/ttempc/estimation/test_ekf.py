@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
-from ttempc.baselines.nmhe import MovingHorizonEstimator
 from ttempc.estimation import filter as filter_kernels
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.filter import turned
@@ -279,11 +278,10 @@ def test_each_input_acts_its_own_dead_time_after_it_was_sent():
             np.testing.assert_array_equal(held_at(acting, time_s), expected)
 
 
-@pytest.mark.parametrize("estimator", [ExtendedKalmanFilter, MovingHorizonEstimator])
-def test_a_dead_time_of_two_periods_is_commands_that_come_two_periods_later(estimator):
+def test_a_dead_time_of_two_periods_is_commands_that_come_two_periods_later():
     received = SensedDrive(seed=3).run(60).received
     late = replace(VEHICLE, dead_time_t=0.4, dead_time_i=0.4, dead_time_hp=0.4)
-    delayed, prompt = estimator(late), estimator(VEHICLE)
+    delayed, prompt = ExtendedKalmanFilter(late), ExtendedKalmanFilter(VEHICLE)
     for k, (measurements, command) in enumerate(received):
         before = received[k - 2][1] if k >= 2 else None
         one = delayed.update(k * PERIOD_S, measurements, command)
@@ -317,6 +315,35 @@ def test_a_position_moves_by_the_lever_arm_turned_by_yaw_pitch_and_roll(body, gn
         np.testing.assert_allclose(point[2:4], (5.0, 3.0), atol=1e-12)
 
 
+@pytest.mark.parametrize("yaw", [0.3, -2.0])
+def test_roll_and_pitch_move_the_slip_that_is_fixed_in_the_map(yaw):
+    """At rest no sample tells of slip: k (pitch e(psi) - roll n(psi)), smoothed over 0.5 s."""
+    gain, roll, pitch = 0.2, 0.08, -0.05
+    straight = np.zeros(SIZE)
+    straight[State.PSI_T] = straight[State.PSI_I] = yaw
+    results = []
+    for side_per_slope in (0.0, gain):
+        noise = replace(ProcessNoise(), side_per_slope=side_per_slope)
+        estimator = ExtendedKalmanFilter(VEHICLE, None, noise)
+        estimates = []
+        for k in range(10):
+            time_s, tilted = PERIOD_S * k, 1.0 if k >= 5 else 0.0
+            samples = [
+                Measurement(time_s, s, tuple(predicted_measurement(s, straight, VEHICLE)[0]))
+                for s in LENGTH
+            ]
+            samples += [imu(s, time_s, tilted * roll, tilted * pitch) for s in IMUS]
+            estimates.append(estimator.update(time_s, samples, Command(0.0, 0.0, 0.0)))
+        results.append([estimate.map_disturbance[:2] for estimate in estimates])
+    change = np.subtract(results[1], results[0])
+    slope = pitch * np.array([math.cos(yaw), math.sin(yaw)])
+    slope -= roll * np.array([-math.sin(yaw), math.cos(yaw)])
+    periods = np.clip(np.arange(10) - 4, 0, None)
+    share = -np.expm1(-periods * PERIOD_S / 0.5)
+    np.testing.assert_allclose(change, gain * share[:, None] * slope, atol=1e-4)
+
+
+IMUS = (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)
 BIAS = {Sensor.IMU_TRACTOR: 0.002, Sensor.IMU_TRAILER: -0.0015}  # [rad/s], twice their sd
 IMU_S = 0.04
 NOISE = SensorNoise()
@@ -407,17 +434,13 @@ def test_the_heading_on_a_slope_follows_from_the_rate_about_the_vertical(slope):
         assert abs(rate * math.cos(slope) * times[-1] - heading) > 5e-3
 
 
-ESTIMATORS = [ExtendedKalmanFilter, MovingHorizonEstimator]
-
-
 @pytest.fixture(scope="module")
 def received():
     return SensedDrive(31).run(30).received
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_warm_up_changes_no_later_estimate(received, estimator):
-    cold, warm = estimator(VEHICLE), estimator(VEHICLE)
+def test_warm_up_changes_no_later_estimate(received):
+    cold, warm = ExtendedKalmanFilter(VEHICLE), ExtendedKalmanFilter(VEHICLE)
     warm.warm_up()
     for k, (samples, command) in enumerate(received):
         if k == 20:
@@ -428,14 +451,14 @@ def test_warm_up_changes_no_later_estimate(received, estimator):
 
 def test_no_kernel_compiles_after_warm_up():
     """Signatures after `warm_up` and after 50 varied updates."""
-    for estimator in (ExtendedKalmanFilter(VEHICLE), MovingHorizonEstimator(VEHICLE)):
-        estimator.warm_up()
-        compiled = signatures()
-        assert all(compiled[name] for name in ("observe_filter", "write_moment"))
-        SensedDrive(32, corrupt=varied, estimator=estimator).run(50)
-        estimator.update(50 * PERIOD_S, [], None)
-        estimator.update(11, [], Command(0, 0, 1))  # integers
-        assert signatures() == compiled
+    estimator = ExtendedKalmanFilter(VEHICLE)
+    estimator.warm_up()
+    compiled = signatures()
+    assert compiled["observe_filter"]
+    SensedDrive(32, corrupt=varied, estimator=estimator).run(50)
+    estimator.update(50 * PERIOD_S, [], None)
+    estimator.update(11, [], Command(0, 0, 1))  # integers
+    assert signatures() == compiled
 
 
 def varied(measurements):

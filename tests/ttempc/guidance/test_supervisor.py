@@ -128,6 +128,25 @@ def test_metres_of_error_stop_the_vehicle_for_good(entry, error, what):
     np.testing.assert_array_equal(commands[20:, :2], np.tile(commands[19, :2], (30, 1)))
 
 
+@pytest.mark.parametrize(("rate", "stops"), [(-0.1, False), (0.1, True)])  # [m] in a period
+def test_a_vehicle_from_beside_may_come_in_but_not_go_away(rate, stops):
+    """From 2.4 m on it has half a metre to turn back, and again 2 m once it has been within."""
+
+    def estimate(k):
+        state = REFERENCE.at(k * PERIOD_S).state
+        aside = 2.4 + rate * k
+        aside = aside if aside > 1.0 else 2.2
+        heading = state[State.PSI_T]
+        state[State.X] -= aside * np.sin(heading)
+        state[State.Y] += aside * np.cos(heading)
+        return replace(seen_truth(state, k * PERIOD_S, VEHICLE), innovations=SEEN)
+
+    _, said = drive(supervised(), 25, estimate)
+    stopped = [k for k, text in enumerate(said) if "beside its reference: stopped" in text]
+    assert stopped[0] == (6 if stops else 14)
+    assert f"more than {2.9 if stops else 2:g} m" in said[stopped[0]]
+
+
 ALARM = Alarm("front steering", "front steering does not follow its command", Reaction.STOP)
 
 

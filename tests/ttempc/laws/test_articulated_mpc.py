@@ -12,7 +12,13 @@ from tests.reference.models.kinematics import advance
 from tests.ttempc.closed_loop import PERIOD_S, Supervised, drive, seen_truth
 from ttempc.guidance.controllers import make_controller
 from ttempc.models.kinematics import trailer_point
-from ttempc.mpc.articulated_error import corridor_bounds, error_dynamics
+from ttempc.mpc.articulated_error import (
+    corridor_bounds,
+    damped,
+    error_dynamics,
+    held_lambda,
+    hitch_bounds,
+)
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -108,7 +114,9 @@ def test_bounds_are_those_of_the_exact_geometry_to_first_order():
     grid = reference.at(np.arange(151) * PERIOD_S)
     behind, limit = 0.7, math.radians(60.0)
     corridor = Corridor(0.1, hitch_limit=limit, tool_behind_m=behind)
-    bounds = corridor_bounds(corridor, grid, c, first=1)
+    spread = np.radians([0.0, 2.0, 4.0])
+    hitch = hitch_bounds(grid, VEHICLE, limit, spread, 0.3)
+    bounds = corridor_bounds(corridor, grid, c, first=1, horizon=2).beside(hitch)
 
     def outputs(state):
         x_i, y_i = trailer_point(state, VEHICLE)
@@ -131,8 +139,30 @@ def test_bounds_are_those_of_the_exact_geometry_to_first_order():
         turned[:2] = cos * error[0] + sin * error[1], cos * error[1] - sin * error[0]
         np.testing.assert_allclose(bounds.rows[k] @ turned, [*expected, moved[6]], atol=1e-9)
         beta = outputs(state)[6]
-        np.testing.assert_allclose(bounds.upper[k], [0.1, 0.1, 0.1, beta + limit], atol=1e-9)
-        np.testing.assert_allclose(bounds.lower[k], [-0.1, -0.1, -0.1, beta - limit], atol=1e-9)
+        room = math.sin(limit)  # lambda - sin lambda is what the linear model leaves out
+        np.testing.assert_allclose(bounds.upper[k], [0.1, 0.1, 0.1, beta + room], atol=1e-9)
+        np.testing.assert_allclose(bounds.lower[k], [-0.1, -0.1, -0.1, beta - room], atol=1e-9)
+    np.testing.assert_array_equal(bounds.spread[1:, 3], spread[1:])
+
+
+def test_the_held_hitch_angle_is_a_steady_turn_of_the_exact_model():
+    held = held_lambda(VEHICLE, 0.3)
+    state = np.array([0.0, 0.0, held, 0.0, 0.3, 0.0, -1.0])
+    inputs = np.array([0.3, 0.0, -1.0 / VEHICLE.speed_gain])
+    turned = after_period(state, inputs, np.zeros(5))
+    assert turned[State.PSI_T] - turned[State.PSI_I] == pytest.approx(held, abs=1e-6)
+
+
+def test_damped_outputs_are_those_of_the_rolled_model_and_their_rates():
+    """Without inputs y + tau y' has the difference of y over a period, slip included."""
+    a, _, c = error_dynamics(REFERENCE, PERIOD_S, 150)
+    rows = damped(a, c, PERIOD_S, 0.7)
+    state = np.random.default_rng(3).normal(size=16)
+    for k in range(100, 150):  # a straight, then a curve
+        y, after = c[k] @ state, c[k + 1] @ (a[k] @ state)
+        expected = np.where([False, True] * 2, y + 0.7 / PERIOD_S * (after - y), y)
+        np.testing.assert_allclose(rows[k] @ state, expected, atol=1e-9)
+        state = a[k] @ state
 
 
 def test_a_tractor_that_may_stray_is_kept_in_the_corridor_where_it_holds():

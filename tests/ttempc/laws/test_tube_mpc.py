@@ -9,7 +9,7 @@ from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, adm
 from ttempc.guidance.controllers import make_controller
 from ttempc.laws.articulated_mpc import ArticulatedOptions
 from ttempc.models.kinematics import hitch_angle, trailer_point
-from ttempc.mpc.articulated_error import rotation
+from ttempc.mpc.articulated_error import HITCH, rotation
 from ttempc.mpc.qp import MOST_SETS, PersistentSolver, QPSolution
 from ttempc.tube.reference_tube import steered_system
 from ttempc.types import Disturbance, Estimate, MapDisturbance, SolverReport, State
@@ -86,14 +86,31 @@ def test_a_push_out_of_the_tube_restarts_the_nominal_state_and_is_reported():
 
 TICKS_KEPT_PLAN = 120
 FAILED = QPSolution(None, SolverReport("max_iter_reached", False, 0, 0.0, 0.0, 0.0))
-CLOSED = steered_system(
+STEERED, _, _, SPREAD = steered_system(
     DESIGN,
     ALONG.a,
     ALONG.b,
     ALONG.c,
     CommandLimits.of(VEHICLE, PERIOD_S),
     ArticulatedOptions().horizon,
-)[0].closed
+)
+CLOSED = STEERED.closed
+
+
+def test_no_admissible_disturbance_moves_the_hitch_angle_beyond_its_spread():
+    """Random runs, bang-bang and square waves, and the worst case, which nearly reaches it."""
+    generator, k, stages = np.random.default_rng(93), 150, len(SPREAD)
+    runs = np.array([admissible(WINDOW, stages, generator) for _ in range(3000)])
+    for j in range(1, stages):
+        row, to_hitch = HITCH, np.empty((j, 7))
+        for i in range(j - 1, -1, -1):  # the effect of w(k - j + i) on the angle at tick k
+            to_hitch[i] = row
+            row = row @ CLOSED[k - j + i]
+        reached = np.abs(np.einsum("ij,rij->r", to_hitch, runs[:, :j])).max()
+        worst = np.sum(to_hitch * WINDOW.worst(to_hitch))
+        assert max(reached, worst) <= SPREAD[j, k] * (1.0 + 1e-9)
+        if j <= WINDOW.window:
+            assert worst > 0.99 * SPREAD[j, k]
 
 
 def controller(most=MOST_SETS):

@@ -82,3 +82,14 @@ def test_without_a_sensor_or_time_nothing_is_identified(window, sensor):
     ]
     for unusable in (blind, window[:50], window[:1], []):
         assert fit_lengths(unusable, VEHICLE, VEHICLE, NOISE, PROCESS) is None
+
+
+@pytest.mark.parametrize("prior", [0.1, 0.24])
+def test_a_trailer_whose_tool_holds_nothing_turns_about_its_axle(window, prior):
+    given = replace(VEHICLE, tool_behind=0.6, trailer_turning_offset=prior)
+    fit = fit_lengths(window, given, given, NOISE, PROCESS)
+    assert fit is not None
+    sd = np.sqrt(fit.covariance[4, 4])
+    pull = prior * (sd / (0.2 * given.tool_behind)) ** 2  # of the prior, for one unknown
+    assert 0.0 <= fit.lengths[4] < pull + 2.5 * sd
+    assert sd < 0.07  # of 0.12 before

@@ -12,10 +12,10 @@ from tests.ttempc.exact_qp import exact_minimum, residuals
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, qp_of, random_qp, stages
 from ttempc.errors import MissingPackage
 from ttempc.mpc.lmpc import SOLVERS, CondensedHorizon, LinearMpc, OutputBounds, move_bounds
-from ttempc.mpc.qp import PersistentSolver, SoftRows
+from ttempc.mpc.qp import FREE, PENALTY, PersistentSolver, SoftRows
 
 
-def rolled_cost(k, state, previous, steps):
+def rolled_cost(k, state, previous, steps, rows=None):
     """Eq. (costfunction), stage by stage, without the constant term of z_k."""
     a, b = stages()
     moves = steps.reshape(TUNING.moves, 3)
@@ -25,19 +25,25 @@ def rolled_cost(k, state, previous, steps):
             u = u + moves[j]
             cost += moves[j] @ np.diag(TUNING.step_weight) @ moves[j]
         z = a[k + j] @ z + b[k + j] @ u
-        cost += z @ np.diag(TUNING.output_weight) @ z
+        y = z if rows is None else rows[k + j + 1] @ z
+        cost += y @ np.diag(TUNING.output_weight) @ y
     return cost
 
 
-def test_objective_differs_from_the_rolled_cost_by_a_constant():
+@pytest.mark.parametrize("scale", [1.0, 0.02])  # of the state: damped outputs count from 0.5 m on
+def test_objective_differs_from_the_rolled_cost_by_a_constant(scale):
     generator = np.random.default_rng(5)
+    a, b = stages()
+    damped = generator.normal(size=(len(a) + 1, 7, 7))
+    entering = CondensedHorizon(a, b, TUNING, PERIOD_S, damped=damped)
     for k in (0, 40, 55, 100):
-        state, previous = generator.normal(size=7), 0.05 * generator.normal(size=3)
-        qp = qp_of(horizon(), k, state, previous)
-        free = rolled_cost(k, state, previous, np.zeros(9))
+        state, previous = scale * generator.normal(size=7), 0.05 * generator.normal(size=3)
+        rows = damped if scale == 1.0 else None
+        qp = qp_of(entering, k, state, previous)
+        free = rolled_cost(k, state, previous, np.zeros(9), rows)
         for _ in range(3):
             steps = 0.1 * generator.normal(size=9)
-            rolled = rolled_cost(k, state, previous, steps) - free
+            rolled = rolled_cost(k, state, previous, steps, rows) - free
             assert qp.objective(steps) == pytest.approx(rolled, rel=1e-9, abs=1e-9)
 
 
@@ -69,7 +75,7 @@ def test_a_tick_has_the_same_qp_in_any_order_and_on_a_horizon_of_its_own():
             assert qp.gradient.tobytes() == again.gradient.tobytes()
 
 
-FIRST = 3
+FIRST, SPREAD = 3, 0.1
 
 
 def bounded(lower, upper):
@@ -77,7 +83,10 @@ def bounded(lower, upper):
     a, b = stages()
     rows = np.random.default_rng(3).normal(size=(len(a) + 1, 2, 7))
     shape = (len(a) + 1, 2)
-    soft = OutputBounds(rows, np.full(shape, lower), np.full(shape, upper), FIRST)
+    spread = np.zeros((TUNING.horizon + 1, 2))
+    spread[:FIRST], spread[FIRST:] = -np.inf, SPREAD
+    penalty = np.full(2, PENALTY)
+    soft = OutputBounds(rows, np.full(shape, lower), np.full(shape, upper), spread, penalty)
     return rows, CondensedHorizon(a, b, TUNING, PERIOD_S, soft=soft)
 
 
@@ -93,10 +102,11 @@ def test_rows_are_the_outputs_of_the_rolled_model():
     for j in range(TUNING.horizon):
         u = u + (steps[3 * j : 3 * j + 3] if j < TUNING.moves else 0.0)
         z = a[k + j] @ z + b[k + j] @ u
-        if j + 1 >= FIRST:
-            expected += (rows[k + j + 1] @ z).tolist()
-    np.testing.assert_allclose(soft.matrix @ steps - soft.upper, np.array(expected) - 0.7)
-    np.testing.assert_allclose(soft.matrix @ steps - soft.lower, np.array(expected) + 0.4)
+        expected += (rows[k + j + 1] @ z).tolist()
+    held = np.repeat(np.arange(1, TUNING.horizon + 1) >= FIRST, 2)
+    upper, lower = (np.where(held, bound, FREE) for bound in (0.7 - SPREAD, 0.4 - SPREAD))
+    np.testing.assert_allclose(soft.matrix @ steps - soft.upper, np.array(expected) - upper)
+    np.testing.assert_allclose(soft.matrix @ steps - soft.lower, np.array(expected) + lower)
 
 
 def test_slack_is_zero_where_the_rows_can_hold_and_the_largest_violation_elsewhere():
@@ -110,7 +120,7 @@ def test_slack_is_zero_where_the_rows_can_hold_and_the_largest_violation_elsewhe
         rows = np.zeros((4, 9))
         rows[:, :3] = generator.normal(size=(4, 3))
         upper = rows @ free - 0.01 * generator.uniform(-0.5, 1.0, size=4)
-        soft = SoftRows(rows, upper - 10.0, upper, outputs=2)
+        soft = SoftRows(rows, upper - 10.0, upper, np.full(2, PENALTY))
         softened = replace(qp, soft=soft)
         x = solver.solve(softened).x
         assert x is not None

@@ -77,7 +77,7 @@ def test_a_disturbance_beyond_the_inputs_is_refused_with_the_numbers(scale, mess
 OPTIONS = MpcOptions()
 RIGID = along()
 SYSTEM = RIGID.tube.system
-INPUTS, RATES = reachable_inputs(SYSTEM, WINDOW, OPTIONS.horizon)
+INPUTS, RATES, _ = reachable_inputs(SYSTEM, WINDOW, OPTIONS.horizon)
 A, B, C = error_dynamics(REFERENCE, PERIOD_S, TICKS)
 FEEDFORWARD = exact_feedforward(REFERENCE, TICKS, PERIOD_S)
 TUBE = GrowingTube.along(DESIGN, A, B, C, FEEDFORWARD, OPTIONS)
@@ -152,7 +152,7 @@ def test_an_input_that_later_bounds_would_strand_is_not_allowed():
 
 
 def test_the_ancillary_gain_leaves_the_plan_the_hydrostat_and_half_of_every_change():
-    _, inputs, rates = steered_system(DESIGN, A, B, C, LIMITS, OPTIONS.horizon)
+    _, inputs, rates, _ = steered_system(DESIGN, A, B, C, LIMITS, OPTIONS.horizon)
     assert not inputs[..., Input.HP].any()
     assert np.all(rates <= 0.5 * LIMITS.step)
     assert np.any(0.5 * LIMITS.step < RATES)  # those of the invariant tube
