@@ -5,8 +5,8 @@
 
 The tractor is steered by the law, forward only. The trailer's steering is the reference's with a
 proportional law on the trailer's offset, the drive likewise on the distance along the path. The
-gains are the best of eight settings of Stanley's law on seed 1 of the trials `wet-slope` and `tool`.
-Hoffmann et al. (2007), "Autonomous automobile trajectory tracking for off-road driving",
+gains are the best of eight settings of Stanley's law on seed 1 of the trials `wet-slope` and
+`tool`. Hoffmann et al. (2007), "Autonomous automobile trajectory tracking for off-road driving",
 American Control Conference; Coulter (1992), "Implementation of the pure pursuit path tracking
 algorithm", CMU-RI-TR-92-01.
 """
@@ -43,7 +43,8 @@ class Geometric:
         near = first + int(np.argmin(np.hypot(*(grid.state[first:last, :2] - (x, y)).T)))
         front = self.front(x, y, yaw, max(v, SLOWEST_MPS), near)
         wanted = grid.state[near]
-        left = lateral(*(estimate.trailer_xy - grid.trailer_xy[near]).tolist(), wanted[3])
+        dx, dy = (estimate.trailer_xy - grid.trailer_xy[near]).tolist()
+        left = lateral(dx, dy, wanted[3])
         turned = math.remainder(yaw_i - wanted[3], math.tau)
         trailer = grid.inputs[near, 1] + self.offset * left + self.heading * turned
         dx, dy = (grid.state[k, :2] - (x, y)).tolist()
@@ -51,6 +52,10 @@ class Geometric:
         bounds = zip(self.vehicle.input_min, self.vehicle.input_max, strict=True)
         command = (front, trailer, grid.inputs[k, 2] + self.along * behind)
         return Command(*(min(max(u, a), b) for u, (a, b) in zip(command, bounds, strict=True)))
+
+    def front(self, x, y, yaw, v, near):
+        """Return the front steering [rad]; `near`: tick of the nearest place."""
+        raise NotImplementedError
 
 
 class Stanley(Geometric):

@@ -48,7 +48,6 @@ _SEEDS: Final = 2**32  # as of `ttempc run --seed`
 
 Action = Literal["command", "residual"]
 Entries = NDArray[np.float32]
-"""Of an observation or an action."""
 
 
 def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int) -> float:
@@ -130,10 +129,6 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         if normalised or self._residual:
             low, high = -np.ones(3), np.ones(3)
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        self.metadata = {
-            **self.metadata,
-            "render_fps": round(1.0 / self._scenario.control.period_s),
-        }
         self.render_mode, self._camera = render_mode, None
         if render_mode:
             from .picture import Camera
@@ -228,11 +223,6 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         if not hasattr(self, "_setup"):
             raise ResetNeeded("render: call reset() first")
         return self._camera.picture(self._setup.plant)
-
-    def close(self) -> None:
-        """Release the pictures' memory."""
-        if self._camera is not None:
-            self._camera.close()
 
     def _controller(
         self, vehicle: Vehicle, reference: Reference, period_s: float, **options: object

@@ -50,8 +50,3 @@ class Camera:
         pixels = np.empty((_HEIGHT, _WIDTH, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(pixels, None, rectangle, self._renderer)
         return pixels[::-1]  # OpenGL's first row is the bottom row
-
-    def close(self) -> None:
-        """Release OpenGL's memory."""
-        self._plant = self._renderer = None
-        self._gl.free()
