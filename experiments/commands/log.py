@@ -71,7 +71,7 @@ def check(arguments: argparse.Namespace) -> int:
 
 @command(
     options.LOG,
-    option("--estimator", metavar="NAME", help="ekf, nmhe, or package.module:factory of your own"),
+    option("--estimator", metavar="NAME", help="ekf, or package.module:factory of your own"),
     *options.CHANGES,
 )
 def replay(arguments: argparse.Namespace) -> int:
@@ -81,7 +81,7 @@ def replay(arguments: argparse.Namespace) -> int:
     error squared (NEES); for each sensor the normalised innovation squared (NIS), the
     autocorrelation of its innovations and their log-likelihood. The first 8 s do not count.
 
-      ttempc log replay LOG.mcap --estimator nmhe --set controller.noise.gnss_sd_m=0.05
+      ttempc log replay LOG.mcap --set controller.noise.gnss_sd_m=0.05
     """
     from ..logs.replay import estimator_of, read_run, replay, same_as_recorded
     from ..results.consistency import consistency, format_consistency
@@ -111,7 +111,7 @@ readable part of a torn log is shown and exported, with a note.
   ttempc log info runs/DIR
   ttempc log export runs/DIR --format parquet -o tables
   ttempc log check TORN.part -o NEW.mcap
-  ttempc log replay runs/DIR --estimator nmhe
+  ttempc log replay runs/DIR --estimator mine:Mine
 
 Exit code 0 for success, 1 if `check` finds a log damaged or incomplete, 2 for bad input (one line;
 nothing is written).

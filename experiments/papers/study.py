@@ -7,7 +7,7 @@ import itertools
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from ttempc.guidance.guidance import ControllerFactory
 
@@ -27,14 +27,13 @@ Row = Mapping[str, Any]
 
 Axis = Mapping[Any, tuple[str, ...]] | Sequence[Any]
 """Labels of one column of the frame, with the overrides that each sets, if any."""
-_MODULES: Final = (".kayacan.eight_numbers", ".benchmarks")  # with studies, beside `studies`
 
 
 def all_studies() -> dict[str, Study]:
     """Return every study by its name."""
     folder = importlib.import_module(".studies", __package__)
     names = [f".studies.{item.name}" for item in pkgutil.iter_modules(folder.__path__)]
-    modules = [importlib.import_module(name, __package__) for name in (*names, *_MODULES)]
+    modules = [importlib.import_module(name, __package__) for name in (*names, ".benchmarks")]
     return {study.name: study for module in modules for study in module.STUDIES}
 
 

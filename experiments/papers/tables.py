@@ -18,12 +18,10 @@ PUBLISHED_M: Final = {
     ("curve", "tractor"): 0.3982,
     ("curve", "trailer"): 0.3621,
 }
-PUBLISHED_LMPC_M: Final = tuple(PUBLISHED_M.values())
-"""Mean Euclidean errors of the linear MPC [m], in the order of `COLUMNS`."""
-
 PUBLISHED_NMPC_M: Final = (0.0644, 0.0361, 0.4978, 0.4152)
 """The same of a space-based nonlinear MPC of the same vehicle, quoted there in section V from
-Kayacan, Kayacan, Ramon, Saeys (2015), IEEE Transactions on Control Systems Technology 23(1)."""
+Kayacan, Kayacan, Ramon, Saeys (2015), IEEE Transactions on Control Systems Technology 23(1), in the
+order of `COLUMNS`."""
 
 COLUMNS: Final = tuple(f"{body} {where}" for where, body in PUBLISHED_M)
 """Labels of these numbers."""

@@ -20,13 +20,11 @@ from ..models.augmented_state import (
     LENGTH,
     STATES,
     AugmentedState,
-    SensorIndex,
 )
 from ..types import (
     Command,
     Estimate,
     FloatArray,
-    Innovation,
     Input,
     Measurement,
     Sensor,
@@ -42,8 +40,6 @@ from .filter import (
     filter_parameters,
     first_moment,
     observe_filter,
-    predict_until,
-    write_moment,
 )
 from .noise import ProcessNoise, SensorNoise
 
@@ -77,8 +73,6 @@ class ExtendedKalmanFilter:
     updates and samples the filter starts anew, see `observe_filter`, at a cost that does not depend
     on the length of the gap.
 
-    With `keeps_all`, `moments` has a state at every time of a sample.
-
     Time stamps may count from any epoch. Those that differ by less than `SAME_TIME_S` count as
     equal wherever the filter compares times of samples with times of updates.
 
@@ -99,13 +93,10 @@ class ExtendedKalmanFilter:
         process_noise: ProcessNoise | None = None,
         gate_probability: float = 1e-4,
         memory_s: float = 2.5,
-        keeps_all: bool = False,
     ) -> None:
         sensors, process = sensor_noise or SensorNoise(), process_noise or ProcessNoise.of(vehicle)
         self._vehicle, self._sensors, self._process = vehicle, sensors, process
-        self.parameters = filter_parameters(
-            vehicle, sensors, process, gate_probability, memory_s, keeps_all
-        )
+        self.parameters = filter_parameters(vehicle, sensors, process, gate_probability, memory_s)
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
         self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.empty((32, 4))
@@ -195,15 +186,6 @@ class ExtendedKalmanFilter:
         order = (h["begin"] + np.arange(h["moments"])) % (len(moments) - 1)
         return moments[order].view(MOMENT)[:, 0]
 
-    def accepted(self) -> list[Measurement]:
-        """Return the accepted samples after the first of `moments`, but for those of gyros."""
-        history, moments, rows, _ = self._state
-        h = history.view(HISTORY)[0]
-        rows = rows[: h["samples"]]
-        later = rows[:, 0] > moments[h["begin"], 0]
-        weighed = rows[:, 1] < SensorIndex.IMU_TRACTOR
-        return measurements_of(rows[later & weighed & (rows[:, 5] == 1.0), :SAMPLE])
-
     def commands(self, since_s: float, until_s: float) -> Iterator[tuple[float, FloatArray]]:
         """Iterate over end time [s] and value (3,) of the commands that act between two times.
 
@@ -216,14 +198,3 @@ class ExtendedKalmanFilter:
             since_s = acting(self.parameters, commands, count, since_s, command)
             since_s = since_s if since_s < until_s - SAME_TIME_S else until_s
             yield since_s, command
-
-    def estimate(
-        self, moment: FloatArray, time_s: float, innovations: Sequence[Innovation]
-    ) -> Estimate:
-        """Advance a flat `MOMENT` to `time_s` in place and return its estimate."""
-        history, _, _, commands = self._state
-        count = int(history.view(HISTORY)[0]["commands"])
-        predict_until(self.parameters, moment, commands, count, float(time_s))
-        row = np.empty(ESTIMATE.itemsize // 8)
-        write_moment(self.parameters, moment, row)
-        return estimate_view(row, innovations)

@@ -77,7 +77,6 @@ FILTER: Final = np.dtype(
         ("heights", "f8", 2),  # of the antennas above the axle points [m]
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
-        ("keeps_all", "f8"),  # 1: a moment for each time of a sample
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
         ("side_per_slope", "f8"),  # side slip on a slope [rad/rad]
     ]
@@ -661,7 +660,7 @@ def observe_filter(
             if sample[0] <= start_s or f.variances[int(sample[1])] == 0.0:
                 continue
             if sample[0] > now[0]:
-                if f.keeps_all or now[0] - kept_s >= _SPACING_S or now[0] == start_s:
+                if now[0] - kept_s >= _SPACING_S or now[0] == start_s:
                     before, kept_s, h.moments = now, sample[0], h.moments + 1
                     now = moments[(h.begin + h.moments - 1) % ring]
                     for i in range(entries):
@@ -821,7 +820,6 @@ def filter_parameters(
     process: ProcessNoise,
     gate_probability: float = 1e-4,
     memory_s: float = 2.5,
-    keeps_all: bool = False,
 ) -> FloatArray:
     """Return the record `FILTER` of a filter as a flat array.
 
@@ -850,6 +848,5 @@ def filter_parameters(
     # The slip behind `slip_forward` is white in the model, and correlated over `bump_m` in truth.
     # Of variance s^2 and autocorrelation exp(-|x| / l) it has the density 2 l s^2 (Gelb 1974, 3.6).
     f["fast_speed"] = process.slip_forward**2 / (2.0 * process.bump_m)
-    f["keeps_all"] = keeps_all
     f["side_per_slope"] = process.side_per_slope
     return flat

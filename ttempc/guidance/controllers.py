@@ -111,12 +111,7 @@ EstimatorFactory = Callable[["Vehicle", "SensorNoise"], Estimator]
 """Makes an estimator from the model parameters and the assumed sensor noise."""
 
 
-ESTIMATORS: Final = MappingProxyType(
-    {
-        "ekf": "estimation.ekf ExtendedKalmanFilter",
-        "nmhe": "baselines.nmhe MovingHorizonEstimator",
-    }
-)
+ESTIMATORS: Final = MappingProxyType({"ekf": "estimation.ekf ExtendedKalmanFilter"})
 
 
 def _known(kind: str, name: str, known: Mapping[str, Any], error: type[TtempcError]) -> Any:  # noqa: ANN401 - an entry

@@ -124,6 +124,9 @@ _POSITION_S: Final = 10.0  # memory of dead reckoning
 _DRIFT: Final = 0.0095, 0.033
 # On parallel tracks alone a slope across them, a slip along them and a drift are one.
 _HEADING_S: Final = 40.0
+_JUDGED_S: Final = (
+    20.0  # from the start on, in which a turned entry is a large share of the headings
+)
 _LEAST_SPREAD: Final = 0.25  # of headings: 0 on parallel tracks, near 1 on a circle
 _ROUGH_S: Final = 30.0  # mean of the learnt roughness
 _DRIFT_S: Final = 5.0  # for which they are averaged
@@ -420,11 +423,12 @@ def _observe_estimate(
     side = math.hypot(sx + share * cx, sy + share * cy)
     ratio = max(drift / math.sqrt(max(1.0, rough)) / _DRIFT[0], side / _DRIFT[1], 0.0)
     if 0.0 < span_s <= 1.0 and math.isfinite(ratio) and abs(x[6]) > _MOVING:
-        weight = min(1.0, span_s / _HEADING_S)
+        # All headings so far count alike at first, so that those of an entry do not count for long.
+        weight = min(1.0, span_s / min(_HEADING_S, now))
         s.heading[0] += weight * (math.cos(2.0 * x[2]) - s.heading[0])
         s.heading[1] += weight * (math.sin(2.0 * x[2]) - s.heading[1])
         spread = 1.0 - math.hypot(s.heading[0], s.heading[1])
-        judged = now >= _SETTLED_S and spread >= _LEAST_SPREAD
+        judged = now >= _JUDGED_S and spread >= _LEAST_SPREAD
         s.drift += min(1.0, span_s / _DRIFT_S) * ((ratio if judged else 0.0) - s.drift)
     statistic[DetectorIndex.DRIFT] = residuals[DetectorIndex.DRIFT] = s.drift
     s.present[DetectorIndex.DRIFT, 1] = abs(x[6]) * size * 100.0
@@ -927,6 +931,10 @@ class Monitors:
         s["pose"], s["offset"], s["whitened"], s["drift"] = math.nan, 0.0, 0.0, 0.0
         s["accepted"] = map_disturbance
         s["alarms"][DetectorIndex.HITCH :] = -1.0, 0.0, 0.0, 0.0
+
+    def forget_pose(self) -> None:
+        """Begin dead reckoning at the next estimate: that of another estimator is no jump."""
+        self.record.view(MONITORS)["pose"][0, 0] = math.nan
 
     @property
     def detectors(self) -> tuple[Detector, ...]:

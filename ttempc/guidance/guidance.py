@@ -481,6 +481,7 @@ class Guidance:
             notes.append("the estimator was given as an object and stays as it is")
         else:
             self._estimator = parts.estimator
+            self._monitors.forget_pose()
         if parts.controller is None:
             notes.append("the controller was given as an object and stays as it is")
         else:

@@ -336,13 +336,14 @@ class ArticulatedLaw(FeedbackLaw):
         self._last: tuple[FloatArray, FloatArray] | None = None  # estimate and command, of a step
 
     def resume(self, previous: object) -> None:
-        """Keep autocorrelation and nominal input, see `ttempc.types.Resuming`.
+        """Keep autocorrelation, nominal input and entry, see `ttempc.types.Resuming`.
 
         The nominal state, an error to another reference, starts anew.
         """
         if isinstance(previous, ArticulatedLaw):
             mine, other = self._memory.view(MEMORY)[0], previous._memory.view(MEMORY)[0]
             mine["correlation"], mine["feedback"] = other["correlation"], other["feedback"]
+            self.mpc.work.entering[:] = previous.mpc.work.entering
 
     def act(
         self,

@@ -1,4 +1,4 @@
-"""Laps: readings of the paper, parts of `ttempc`, estimators."""
+"""Laps: readings of the paper, its published errors, parts of `ttempc`, estimators."""
 
 import json
 import math
@@ -10,16 +10,28 @@ import pandas as pd
 
 from ttempc.types import State
 
-from ....testbed.recording.channels import ESTIMATE
 from ...logs.replay import estimator_of, replay
 from ...results.consistency import consistency
-from ...results.tracking_errors import BODIES
 from ...run.simulate import simulate
 from ...scenario.path import FigureEight
 from ...scenario.scenario import load, shipped
 from ...seeds import report_seeds
-from ..study import Case, Row, Study, summary_row
-from ..tables import grouped, label, lost, mean, mean_errors, numbers
+from ..kayacan import CONTROLLER, ESTIMATOR
+from ..study import Case, Row, Study
+from ..tables import (
+    COLUMNS,
+    ERRORS,
+    PUBLISHED_M,
+    PUBLISHED_NMPC_M,
+    grouped,
+    groups,
+    label,
+    lost,
+    markdown,
+    mean,
+    mean_errors,
+    numbers,
+)
 
 
 def _options(**options: object) -> tuple[str, ...]:
@@ -64,22 +76,25 @@ PARTS: Final = {
     "no robust, horizon 12": _options(robust=False, horizon=12),
 }
 
-FIELDS: Final = ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy")
-ESTIMATORS: Final = ("ekf", "nmhe")
-_COST: Final = "timing.estimator_us.median"
+PUBLISHED: Final = {"LMPC": tuple(PUBLISHED_M.values()), "NMPC": PUBLISHED_NMPC_M}
+"""Mean errors [m] of the two controllers published for the vehicle."""
+
+LAWS: Final = {
+    "LMPC": _named("paper"),
+    "NMPC": (*_named(CONTROLLER), f'controller.estimator="{ESTIMATOR}"'),
+}
 
 
-def estimated(case: Case) -> Row:
-    """Return the figures of a run, and its mean normalised innovation squared `nis`.
-
-    The innovations of `nmhe` are those of its internal filter.
-    """
-    summary, record = simulate(*load(case.scenario, case.overrides), case.seed)
-    table = record[ESTIMATE]
-    return {
-        **summary_row(summary),
-        "nis": float(np.nansum(table["nis"]) / np.nansum(table["nis_dof"])),
-    }
+def published_errors(runs: pd.DataFrame) -> str:
+    """Return the mean errors of both published controllers beside the published ones."""
+    lines = []
+    for own in groups(runs, ["law"]):
+        name, errors = own["law"].iloc[0], 100.0 * numbers(own, *ERRORS)
+        spread = np.array([errors.mean(0), errors.std(0, ddof=1), errors.min(0), errors.max(0)]).T
+        cells = (f"{m:.1f} ± {sd:.1f} ({low:.1f}-{high:.1f})" for m, sd, low, high in spread)
+        lines.append((f"{name}, published", *(f"{100.0 * m:.2f}" for m in PUBLISHED[name]), "-"))
+        lines.append((name, *cells, lost(own)))
+    return markdown(("error [cm]", *COLUMNS, "lost"), lines)
 
 
 def consistent(case: Case) -> Row:
@@ -143,32 +158,13 @@ STUDIES: Final = (
         checks=(("pavement", "paper"), ("pavement", "paper-printed-sign")),
     ),
     Study(
-        name="estimators",
-        scenarios=FIELDS,
-        overrides=("path.laps=1", 'controller.name="ttempc-nominal"'),
-        axes={"estimator": {name: (f'controller.estimator="{name}"',) for name in ESTIMATORS}},
-        seeds=report_seeds(2),
-        drive=estimated,
-        table=lambda runs: grouped(
-            runs,
-            ["scenario", "estimator"],
-            {
-                "scenario": label("scenario", "`{}`"),
-                "estimator": label("estimator", "`{}`"),
-                **{
-                    f"estimated {body}": mean(f"estimation.{body}.mean_euclidean_m")
-                    for body in BODIES
-                },
-                **mean_errors(),
-                "NIS": lambda own: ", ".join(f"{value:.3f}" for value in own["nis"]),
-                "ms": lambda own: f"{1e-3 * np.median(numbers(own, _COST)):.2f}",
-            },
-        ),
-        checks=tuple(
-            (name, "ttempc-nominal", f'controller.estimator="{estimator}"')
-            for name in FIELDS
-            for estimator in ESTIMATORS
-        ),
+        name="kayacan2016",
+        scenarios=("kayacan2016",),
+        overrides=(),
+        axes={"law": LAWS},
+        seeds=report_seeds(10),
+        table=published_errors,
+        checks=tuple(("kayacan2016", name) for name in ("paper", CONTROLLER)),
     ),
     Study(
         name="consistency",

@@ -1,22 +1,15 @@
-"""Widths that whole laps keep to: the corridor of `rows`, and half widths of fields.
+"""Widths that whole laps keep to: the corridor of `rows`, and half widths of fields."""
 
-The largest distance of a lap is taken for a sample of a Gumbel distribution, the limit for maxima
-of many samples with light tails (Coles 2001, "An introduction to statistical modeling of extreme
-values", theorem 3.1). What few laps in a thousand exceed is extrapolated; fresh laps test it.
-"""
-
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.stats import gumbel_r
 
 from ttempc.types import FloatArray
 
 from ...results.statistics import proportion
-from ...seeds import FITTING, TUNING, report_seeds
+from ...seeds import FITTING, report_seeds
 from ...tubes.calibration import calibrated_widths
 from ..runner import Runner
 from ..study import Case, Study
@@ -32,9 +25,6 @@ CONTROLLERS: Final = {
     "`lqr`": ('controller.name="lqr"',),
     "`nmpc-rti`": ('controller.name="nmpc-rti"',),
 }
-SPEEDS: Final = (0.4, 0.7, 1.0)  # of the calibration [m/s]
-CALIBRATION_SEEDS: Final = TUNING[:6]
-MISSED_BY_SPEED: Final = 1 / 2000  # share of the laps beyond the calibrated half width
 
 FIELDS: Final = (
     *("pavement", "grass", "wet-grass", "side-slope"),
@@ -96,45 +86,6 @@ def share(points: NDArray[np.bool_]) -> str:
     return f"{found.count} of {found.total} ({low:.1f} to {high:.1f} %)"
 
 
-def half_widths(speed_mps: FloatArray, distance_m: FloatArray) -> tuple[float, float]:
-    """Return h_0 [m] and h_1 [s] of one point, see `SpeedTube`.
-
-    Location and scale of the distribution are linear in the speed (Coles 2001, section 6.2), and so
-    is each quantile.
-
-    Args:
-        speed_mps: of each lap in the corridor, (n,).
-        distance_m: largest distance of the point in it, (n,).
-    """
-    columns = np.column_stack([np.ones_like(speed_mps), speed_mps])
-    unit = float(distance_m.mean())
-
-    def misfit(parameters: FloatArray) -> float:
-        location, scale = columns @ parameters[:2], columns @ parameters[2:]
-        return -float(gumbel_r.logpdf(distance_m / unit, location, scale).sum())
-
-    bounds: list[Any] = [(0.0, None), (0.0, None), (1e-3, None), (1e-3, None)]
-    fit = minimize(misfit, [0.5, 0.5, 0.1, 0.1], bounds=bounds)
-    at_rest, per_speed = unit * (fit.x[:2] + gumbel_r.ppf(1.0 - MISSED_BY_SPEED) * fit.x[2:])
-    return float(at_rest), float(per_speed)
-
-
-def corridor_options(runs: pd.DataFrame) -> str:
-    """Return the options of `ttempc` that laps at several speeds in the corridor give."""
-    speed, distance = numbers(runs, "speed"), distances(runs)
-    lines = [
-        f"{one['speed'].iloc[0]:.1f} m/s, {body}: mean {of_point.mean():.2f}, largest "
-        f"{of_point.max():.2f} cm of {len(of_point)} laps"
-        for one in groups(runs, ["speed"])
-        for body, of_point in zip(("tractor", "trailer"), 100.0 * distances(one).T, strict=True)
-    ]
-    points = [half_widths(speed, of_point) for of_point in distance.T]
-    keys = ("corridor_at_rest_m", "corridor_per_speed_s")
-    for key, values in zip(keys, zip(*points, strict=True), strict=True):
-        lines.append(f"{key} = [{', '.join(f'{value:.3f}' for value in values)}]")
-    return "\n".join(lines)
-
-
 def coverage(runner: Runner) -> str:
     """Return half widths that 40 laps of each field give, and how many fresh laps leave them."""
     seeds = {"fitted": FITTING[:FITTED_LAPS], "fresh": report_seeds(LAPS)}
@@ -184,19 +135,6 @@ STUDIES: Final = (
         seeds=report_seeds(LAPS),
         make=corridor,
         checks=tuple(("rows", name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
-    ),
-    Study(
-        name="corridor-options",
-        scenarios=("rows",),
-        overrides=("controller.options.corridor_at_rest_m=[0.0, 0.0]",),
-        axes={
-            "speed": {  # half widths that fit into the corridor at exactly this speed
-                v: (f"controller.options.corridor_per_speed_s=[{HALF_WIDTH_M / v!r}, 0.0]",)
-                for v in SPEEDS
-            }
-        },
-        seeds=tuple(CALIBRATION_SEEDS),
-        table=corridor_options,
     ),
     Study(
         name="coverage",

@@ -73,15 +73,6 @@ def draws(count, seed):
     return gumbel_r.rvs([0.05, 0.04], [0.006, 0.003], size=(count, 2), random_state=generator)
 
 
-def test_half_widths_grow_with_the_speed_as_the_distribution_does():
-    speed = np.repeat([0.4, 0.7, 1.0], 4000)
-    scale = 0.002 + 0.004 * speed
-    distance = gumbel_r.rvs(0.02 + 0.05 * speed, scale, random_state=np.random.default_rng(3))
-    factor = gumbel_r.ppf(1.0 - widths.MISSED_BY_SPEED)
-    expected = (0.02 + 0.002 * factor, 0.05 + 0.004 * factor)
-    assert widths.half_widths(speed, distance) == pytest.approx(expected, rel=0.15)
-
-
 def test_fresh_laps_keep_to_the_half_widths_as_often_as_promised():
     rows = [widths.coverage_cells(draws(40, k), draws(400, 100 + k)) for k in range(20)]
     inside = np.array([400 - int(row[2].split(" of ")[0]) for row in rows])
@@ -98,7 +89,6 @@ def test_estimators_are_consistent_on_a_straight():
     row = laps.consistent(Case("grass", 1, (STRAIGHT,)))
     assert row["NIS"] == pytest.approx(1.0, abs=0.3)
     assert [*row][:3] == ["x", "y", "psi_t"]
-    assert laps.estimated(Case("grass", 1, (STRAIGHT,)))["nis"] == pytest.approx(1.0, abs=0.3)
 
 
 # Faults.
@@ -175,10 +165,8 @@ def test_laps_are_counted_by_steps_and_as_wholes_and_drawn():
     assert len(containment.path(laps).axes) == 3
 
 
-def test_the_tube_of_grass_is_invariant_and_that_of_the_paper_is_not():
+def test_the_tube_of_grass_is_invariant():
     condition, *shares = (float(line.split()[-1]) for line in [*tubes.invariance(20, 300)][1:])
     assert condition <= 1.0 + 1e-6
     assert len(shares) == 1
     assert all(share <= 1.0 + 1e-6 for share in shares)
-    lines = [*tubes.paper_tube()]
-    assert sum("all seven states: no invariant set" in line for line in lines) == 4

@@ -6,8 +6,6 @@ import os
 import numpy as np
 import pytest
 from proving_ground.experiments.errors import SweepRefused, SweepStopped
-from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.sweep.results import (
     WORKING_P95,
     WORKING_SD,
@@ -15,7 +13,7 @@ from proving_ground.experiments.sweep.results import (
     frame,
     rows,
 )
-from proving_ground.experiments.sweep.row import FIGURES, columns, figures, no_figures
+from proving_ground.experiments.sweep.row import no_figures
 
 from tests.experiments.sweep_rows import ERROR
 
@@ -80,16 +78,3 @@ def test_rows_are_a_frame_with_the_error_of_the_working_point():
     np.testing.assert_array_equal(table[WORKING_SD], [0.1, 0.1, np.nan])
     assert table["wall_s"].dtype == float
     assert not len(frame([]))
-
-
-def test_every_number_of_a_summary_is_a_column_of_every_row():
-    short = load("pavement", ["path={kind='straight', length_m=3.0}"])
-    summary, _ = simulate(*short, seed=1)
-    shown = figures(summary)
-    assert list(shown) == list(no_figures()) == list(FIGURES)
-    assert shown["tracking.all.tractor.cross_p95_m"] == summary.tracking.all.tractor.cross_p95_m
-    assert shown["duration_s"] == summary.duration_s
-    assert set(no_figures().values()) == {None}
-    names = columns(["scenario", "soil.cone_index_kpa", "controller"])
-    assert len(names) == len(set(names))
-    assert names.index("soil.cone_index_kpa") < names.index("status")

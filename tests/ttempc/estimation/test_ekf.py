@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
-from ttempc.baselines.nmhe import MovingHorizonEstimator
 from ttempc.estimation import filter as filter_kernels
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.filter import turned
@@ -279,11 +278,10 @@ def test_each_input_acts_its_own_dead_time_after_it_was_sent():
             np.testing.assert_array_equal(held_at(acting, time_s), expected)
 
 
-@pytest.mark.parametrize("estimator", [ExtendedKalmanFilter, MovingHorizonEstimator])
-def test_a_dead_time_of_two_periods_is_commands_that_come_two_periods_later(estimator):
+def test_a_dead_time_of_two_periods_is_commands_that_come_two_periods_later():
     received = SensedDrive(seed=3).run(60).received
     late = replace(VEHICLE, dead_time_t=0.4, dead_time_i=0.4, dead_time_hp=0.4)
-    delayed, prompt = estimator(late), estimator(VEHICLE)
+    delayed, prompt = ExtendedKalmanFilter(late), ExtendedKalmanFilter(VEHICLE)
     for k, (measurements, command) in enumerate(received):
         before = received[k - 2][1] if k >= 2 else None
         one = delayed.update(k * PERIOD_S, measurements, command)
@@ -436,17 +434,13 @@ def test_the_heading_on_a_slope_follows_from_the_rate_about_the_vertical(slope):
         assert abs(rate * math.cos(slope) * times[-1] - heading) > 5e-3
 
 
-ESTIMATORS = [ExtendedKalmanFilter, MovingHorizonEstimator]
-
-
 @pytest.fixture(scope="module")
 def received():
     return SensedDrive(31).run(30).received
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_warm_up_changes_no_later_estimate(received, estimator):
-    cold, warm = estimator(VEHICLE), estimator(VEHICLE)
+def test_warm_up_changes_no_later_estimate(received):
+    cold, warm = ExtendedKalmanFilter(VEHICLE), ExtendedKalmanFilter(VEHICLE)
     warm.warm_up()
     for k, (samples, command) in enumerate(received):
         if k == 20:
@@ -457,14 +451,14 @@ def test_warm_up_changes_no_later_estimate(received, estimator):
 
 def test_no_kernel_compiles_after_warm_up():
     """Signatures after `warm_up` and after 50 varied updates."""
-    for estimator in (ExtendedKalmanFilter(VEHICLE), MovingHorizonEstimator(VEHICLE)):
-        estimator.warm_up()
-        compiled = signatures()
-        assert all(compiled[name] for name in ("observe_filter", "write_moment"))
-        SensedDrive(32, corrupt=varied, estimator=estimator).run(50)
-        estimator.update(50 * PERIOD_S, [], None)
-        estimator.update(11, [], Command(0, 0, 1))  # integers
-        assert signatures() == compiled
+    estimator = ExtendedKalmanFilter(VEHICLE)
+    estimator.warm_up()
+    compiled = signatures()
+    assert compiled["observe_filter"]
+    SensedDrive(32, corrupt=varied, estimator=estimator).run(50)
+    estimator.update(50 * PERIOD_S, [], None)
+    estimator.update(11, [], Command(0, 0, 1))  # integers
+    assert signatures() == compiled
 
 
 def varied(measurements):

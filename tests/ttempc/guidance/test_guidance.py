@@ -173,7 +173,7 @@ def test_calls_out_of_order_are_refused(samples):
     ("arguments", "error", "words"),
     [
         ({"controller": "papier"}, UnknownController, "'papier'"),
-        ({"estimator": "ukf"}, UnknownEstimator, "allowed are ekf, nmhe"),
+        ({"estimator": "ukf"}, UnknownEstimator, "allowed are ekf"),
         ({"options": {"colour": 1}, "controller": "feedforward"}, InvalidTuning, "colour"),
         ({"reference": figure_eight(radius_m=2.0)}, InvalidPath, "too tight"),
         ({"speed_mps": 3.0}, InvalidReference, "hydrostat"),

@@ -100,21 +100,6 @@ EIGHT = figure_eight()
 ALONG = np.linspace(-2.0, EIGHT.lap_m + 2.0, 2001)
 
 
-def test_drawbar_fits_between_its_joints():
-    posture = posture_on_path(EIGHT, VEHICLE, ALONG)
-    rj1 = posture.pose_t[:, :2] - VEHICLE.hitch_offset * _unit(posture.pose_t[:, 2])
-    rj2 = posture.pose_i[:, :2] + VEHICLE.trailer_length * _unit(posture.pose_i[:, 2])
-    drawbar = VEHICLE.drawbar_length * _unit(posture.psi_d)
-    np.testing.assert_allclose(rj1 - rj2, drawbar, atol=1e-12)
-
-
-def test_trailer_is_on_the_path_behind_the_tractor():
-    posture = posture_on_path(EIGHT, VEHICLE, ALONG)
-    np.testing.assert_allclose(posture.pose_i, EIGHT.pose(posture.distance_i), atol=1e-12)
-    length = VEHICLE.drawbar_offset + VEHICLE.trailer_length
-    assert np.all(np.abs(ALONG - posture.distance_i - length) < 0.05)
-
-
 def test_derivatives_agree_with_differences():
     h = 1e-5
     before, after = (

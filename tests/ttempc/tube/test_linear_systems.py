@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import null_space
 from scipy.spatial import ConvexHull
 
 from ttempc.errors import InvalidTube
@@ -18,16 +17,6 @@ from ttempc.tube import (
 from ttempc.tube.sets import directions_in
 
 UNIT = DisturbanceSet(np.eye(2), shape="box")
-
-
-@pytest.fixture
-def generator():
-    return np.random.default_rng(4)
-
-
-def through(directions, floor):
-    """Return the set of w = E d, widened to full rank by `floor` along all other directions."""
-    return DisturbanceSet(np.hstack([directions, floor * null_space(directions.T)]))
 
 
 def test_alpha_of_the_published_example():
@@ -44,23 +33,6 @@ def test_gain_of_the_published_tube_mpc():
     a, b = np.array([[[1.0, 1.0], [0.0, 1.0]]]), np.array([[[0.5], [1.0]]])
     gain = feedback_gains(a, b, np.eye(2), np.array([0.01]))
     np.testing.assert_allclose(gain[0, 0], [-0.66, -1.33], atol=0.005)
-
-
-def test_a_disturbance_of_fewer_directions_has_the_sum_of_their_effects_as_its_tube(generator):
-    """The minimal set of m(k+1) = A m(k) + e d is the sum of the segments A^i e."""
-    a = np.array([[0.8, 0.3, 0.0], [-0.2, 0.7, 0.1], [0.0, 0.2, 0.5]])
-    e = np.array([[0.1], [0.2], [0.0]])
-    system = TrackingSystem.along(a[None], np.zeros((1, 3, 1)), np.zeros((1, 1, 3)))
-    directions = directions_in(3, 50, generator)
-    segments = np.hstack([np.linalg.matrix_power(a, i) @ e for i in range(400)])
-    exact = np.abs(directions @ segments).sum(axis=1)
-    tube = invariant_tube(system, through(e, 1e-6), 1e-4)
-    support = tube.at(0).support(directions)
-    assert np.all(support >= exact)
-    np.testing.assert_allclose(support, exact, rtol=3e-4)
-    for columns, floor in ((np.hstack([e, 2.0 * e]), 1e-6), (e, 0.0)):
-        with pytest.raises(InvalidTube, match="full rank"):
-            through(columns, floor)
 
 
 def test_the_tube_is_the_sum_of_the_vertices():

@@ -29,11 +29,8 @@ from ttempc.tube.reference_tube import (
     GrowingTube,
     horizon_bounds,
     reachable_inputs,
-    steered_system,
 )
-from ttempc.tube.sets import directions_in, linear_map, minkowski_sum
 from ttempc.tube.tube import Tube
-from ttempc.types import Input
 from ttempc.vehicle import CommandLimits
 
 ALONG = along()
@@ -151,13 +148,6 @@ def test_an_input_that_later_bounds_would_strand_is_not_allowed():
     np.testing.assert_allclose(bounds.lower[:, 0], -bounds.upper[:, 0])
 
 
-def test_the_ancillary_gain_leaves_the_plan_the_hydrostat_and_half_of_every_change():
-    _, inputs, rates, _ = steered_system(DESIGN, A, B, C, LIMITS, OPTIONS.horizon)
-    assert not inputs[..., Input.HP].any()
-    assert np.all(rates <= 0.5 * LIMITS.step)
-    assert np.any(0.5 * LIMITS.step < RATES)  # those of the invariant tube
-
-
 TUBES = {
     "window": along().tube,
     "box": along(replace(DESIGN, disturbance=STEP)).tube,
@@ -167,18 +157,6 @@ TUBES = {
 @pytest.fixture
 def generator():
     return np.random.default_rng(7)
-
-
-@pytest.mark.parametrize("name", TUBES)
-def test_every_set_leads_into_the_set_a_window_later(name, generator):
-    """Phi S_k + V inside S_{k+N}, in 1000 directions at ticks all along the figure eight."""
-    tube = TUBES[name]
-    window = tube.certificate.window
-    for k in range(window, TICKS, 61):
-        directions = directions_in(7, 1000, generator) / tube.states[k]
-        before = linear_map(tube.transition(k, window), tube.at(k - window))
-        after = minkowski_sum([before, tube.last_window(k)])
-        assert np.all(after.support(directions) <= tube.at(k).support(directions) + 1e-9)
 
 
 def driven(tube: Tube, last: int, disturbances):
