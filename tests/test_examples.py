@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 
@@ -59,6 +60,20 @@ def test_fresh_flights_of_the_drone_stay_in_its_tube(tmp_path):
 def test_every_example_is_run_by_a_test():
     tests = "".join(file.read_text() for file in (EXAMPLES.parents[1] / "tests").rglob("*.py"))
     assert all(f"{file.stem}" in tests for file in EXAMPLES.glob("*.py"))
+
+
+@pytest.mark.parametrize("law", ["Stanley", "PurePursuit"])
+def test_a_geometric_law_drives_a_curve(law, monkeypatch):
+    """A steering the wrong way would leave the path; in reverse it is refused."""
+    monkeypatch.syspath_prepend(EXAMPLES)
+    make = getattr(importlib.import_module("geometric"), law)
+    summary, _ = simulate(*load("grass", ["path.laps=1"]), 11, factory=make)
+    assert summary.status == "completed", summary.failure
+    assert summary.tracking.all.tractor.cross_p95_m < 0.1
+    assert summary.tracking.all.trailer.cross_p95_m < 0.2
+    backward = load("grass", ["path={kind='straight', length_m=12.0, reverse=true}"])
+    with pytest.raises(InvalidController, match="forward"):
+        simulate(*backward, 11, factory=make)
 
 
 @pytest.mark.filterwarnings("ignore")  # of CasADi and do-mpc, about their own parts

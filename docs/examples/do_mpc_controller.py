@@ -4,7 +4,8 @@
     ttempc bench do_mpc_controller:DoMpc --quick
 
 Needs `pip install do-mpc`. The model is that of `casadi_mpc.py` beside it; do-mpc discretises it by
-collocation and solves with Ipopt.
+collocation and solves with Ipopt. The weights are untuned: those of `casadi_mpc.py` did worse here
+on the seeds 1 to 3 of the trials `wet-slope` and `tool`.
 """
 
 import do_mpc
@@ -17,7 +18,17 @@ from ttempc import Command
 class DoMpc:
     """do-mpc over `horizon` periods; the reference and the disturbances are its parameters."""
 
-    def __init__(self, vehicle, reference, period_s, horizon=12, moves=1.0):
+    def __init__(
+        self,
+        vehicle,
+        reference,
+        period_s,
+        horizon=12,
+        steering=0.1,
+        moves=1.0,
+        trailer=1.0,
+        heading=0.1,
+    ):
         self.reference = reference.on_grid(period_s, beyond=horizon + 1)
         model = do_mpc.model.Model("continuous")
         x = model.set_variable("_x", "x", (STATES, 1))
@@ -26,9 +37,10 @@ class DoMpc:
         wanted, point = given[:STATES], given[STATES : STATES + 2]
         inputs, w = given[STATES + 2 : STATES + 2 + INPUTS], given[STATES + 2 + INPUTS :]
         model.set_rhs("x", derivative(x, u, w, vehicle))
-        error, trailer = x - wanted, trailer_point(x, vehicle) - point
+        error, behind = x - wanted, trailer_point(x, vehicle) - point
         own = u - inputs
-        place = error[:2].T @ error[:2] + trailer.T @ trailer + 0.1 * error[2:4].T @ error[2:4]
+        place = error[:2].T @ error[:2] + trailer * (behind.T @ behind)
+        place += heading * (error[2:4].T @ error[2:4])
         model.set_expression("place", place)
         model.set_expression("own", own.T @ own)
         model.setup()
@@ -39,7 +51,7 @@ class DoMpc:
         mpc.settings.store_full_solution = False
         mpc.settings.nlpsol_opts = {"ipopt.max_iter": 30, "ipopt.tol": 1e-4}
         mpc.settings.supress_ipopt_output()
-        mpc.set_objective(mterm=place, lterm=place + 0.1 * own)
+        mpc.set_objective(mterm=place, lterm=place + steering * own)
         mpc.set_rterm(u=np.full((INPUTS, 1), moves))
         mpc.bounds["lower", "_u", "u"] = vehicle.input_min
         mpc.bounds["upper", "_u", "u"] = vehicle.input_max

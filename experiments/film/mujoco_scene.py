@@ -45,8 +45,12 @@ _MOST_LINES: Final = 60_000  # pieces of all paths, 15 km
 _MEADOW_BELOW_M: Final = 0.02
 
 
-def _context() -> Any:  # noqa: ANN401 - mujoco has no types
-    """Return an OpenGL context that needs no screen, in software without a GPU."""
+def graphics_context() -> Any:  # noqa: ANN401 - mujoco has no types
+    """Return an OpenGL context that needs no screen, in software without a GPU; it is current.
+
+    Raises:
+        NoGraphics: the message names the packages to install.
+    """
     try:
         if os.environ.get("MUJOCO_GL", "").lower() in _OFF:
             raise RuntimeError(f"MUJOCO_GL={os.environ['MUJOCO_GL']}")
@@ -68,7 +72,7 @@ def check_graphics() -> None:
     Raises:
         NoGraphics: the message names the packages to install.
     """
-    _context().free()
+    graphics_context().free()
 
 
 class MujocoScene:
@@ -105,7 +109,7 @@ class MujocoScene:
         self._lugs = [model.geom(f"{wheel}_lugs").id for wheel in WHEELS]
         model.geom_matid[self._lugs] = -1  # no material: the colour shows the slip
         mujoco.mj_kinematics(model, self.data)  # poses of the static geoms
-        self._gl = _context()
+        self._gl = graphics_context()
         model.vis.global_.offwidth, model.vis.global_.offheight = size
         self._renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._renderer)

@@ -1,8 +1,8 @@
-"""Gymnasium environment of the proving ground; importing it registers `ttempc/FieldTrial-v1`."""
+"""Gymnasium environment of the proving ground; importing it registers `ttempc/FieldTrial-v2`."""
 
 import gymnasium
 
-ENVIRONMENT_ID = "ttempc/FieldTrial-v1"
+ENVIRONMENT_ID = "ttempc/FieldTrial-v2"
 
 gymnasium.register(
     ENVIRONMENT_ID, entry_point="proving_ground.experiments.gym_env.environment:FieldTrial"

@@ -8,7 +8,9 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
+from numpy.typing import NDArray
 
+from ttempc.layout import TICK
 from ttempc.reference.reference import Reference
 from ttempc.types import Command, Controller, Estimate, FloatArray
 from ttempc.vehicle import CommandLimits, Vehicle
@@ -17,7 +19,6 @@ from ...testbed.recording.record import Tee
 from ...testbed.simulation.loop import (
     Outcome,
     estimate,
-    log_control,
     log_timing,
     log_truth,
     periods,
@@ -42,10 +43,11 @@ EFFORT: Final = 0.1
 LARGEST_COST: Final = 100.0
 """Of a period: that of 1 m; assumed."""
 
-_LEFT_OUT: Final = (prepare, log_control, log_truth, log_timing)  # of real time and the log
+_LEFT_OUT: Final = (prepare, log_truth, log_timing)  # of real time and the log
 _SEEDS: Final = 2**32  # as of `ttempc run --seed`
 
 Action = Literal["command", "residual"]
+Entries = NDArray[np.float32]
 
 
 def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int) -> float:
@@ -62,7 +64,7 @@ def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int
     return -min(error + EFFORT * effort, LARGEST_COST) - LARGEST_COST * periods_lost
 
 
-class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
+class FieldTrial(gymnasium.Env[Entries, Entries]):
     """A run of a scenario; `reset(seed=N)` starts that of `ttempc run --seed N`.
 
     Estimator and supervisor of the run stay in place; the action replaces the
@@ -78,13 +80,16 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
             is always from -1 to 1.
         residual_share: of half the range of a command that a residual of 1 adds.
         trust: whether code that the scenario file names may run.
+        render_mode: "rgb_array": `render` returns a picture of the vehicle; None: it draws nothing.
 
     Raises:
         BadOptions: an argument has none of the allowed values.
+        NoGraphics: pictures are asked for and off-screen OpenGL is unavailable.
         ExperimentError, TestbedError, TtempcError: as a run of the scenario.
     """
 
     observation_names = ESTIMATE_NAMES
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 - Gymnasium's own
 
     def __init__(
         self,
@@ -95,7 +100,10 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         normalised: bool = True,
         residual_share: float = 0.25,
         trust: bool = False,
+        render_mode: str | None = None,
     ) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise BadOptions(f"render_mode: must be rgb_array or None, got {render_mode!r}")
         if action not in ("command", "residual"):
             raise BadOptions(f"action: must be one of command, residual, got {action!r}")
         if not isinstance(residual_share, int | float) or not 0.0 < residual_share <= 1.0:
@@ -113,14 +121,19 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         self._vehicle = model_vehicle(mission, self._scenario, vehicles)
         self._limits = CommandLimits.of(self._vehicle, self._scenario.control.period_s)
         largest, scale = bounds(ESTIMATE_NAMES)
-        self._scale = scale if normalised else None
-        largest = np.ones_like(scale) if normalised else largest
-        self.observation_space = Box(-largest, largest, dtype=np.float64)
+        self._scale = scale.astype(np.float32) if normalised else None
+        largest = np.ones(len(scale), np.float32) if normalised else largest.astype(np.float32)
+        self.observation_space = Box(-largest, largest, dtype=np.float32)
         self._normalised = normalised and not self._residual
         low, high = (self._limits.lower, self._limits.upper)
         if normalised or self._residual:
             low, high = -np.ones(3), np.ones(3)
-        self.action_space = Box(low, high, dtype=np.float64)
+        self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        self.render_mode, self._camera = render_mode, None
+        if render_mode:
+            from .picture import Camera
+
+            self._camera = Camera()
         self._parts = SharedParts(terrains=1, controllers=1)
         self._action = np.zeros(3)  # as the controller takes it
         self._run: Generator[TickContext, None, Outcome] | None = None
@@ -132,7 +145,7 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[FloatArray, dict[str, Any]]:
+    ) -> tuple[Entries, dict[str, Any]]:
         """Start the run of a seed, by default of the next one of the environment's generator.
 
         Raises:
@@ -155,7 +168,7 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
             raise InvalidScenario(f"reset: the run ended before it started: {outcome.failure}")
         return self._observe(), {"seed": run_seed, "time_s": 0.0}
 
-    def step(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Entries) -> tuple[Entries, float, bool, bool, dict[str, Any]]:
         """Drive a control period.
 
         `info` has the distances of both points from their references, the fallback of the
@@ -179,15 +192,16 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
             values = middle + half_range(self._limits) * values
         self._action = values
         outcome = self._proceed()
-        previous, self._sent = self._sent, self._guidance.control_step.command.as_array()
+        sent = self._guidance.tick_record.view(TICK)[0]["control"][:, 4].copy()
+        previous, self._sent = self._sent, sent
         errors = self._errors_m()
         ended_early = outcome is not None and outcome.status != "completed"
         left = self._ticks - self._guidance.reference_tick if ended_early else 0
         change = ((self._sent - previous) / self._limits.step).tolist()
         gained = reward(errors, change, left)
         info: dict[str, Any] = {"tractor_error_m": errors[0], "trailer_error_m": errors[1]}
-        if fallback := self._guidance.diagnostics.fallback:
-            info["fallback"] = fallback
+        if self._tick.fallback:
+            info["fallback"] = self._tick.fallback
         if outcome is not None:
             self._run = None
             info |= {"status": outcome.status, "failure": outcome.failure or ""}
@@ -197,6 +211,18 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
                     stage(self._setup, self._tick)
         completed = outcome is not None and not ended_early
         return self._observe(), gained, ended_early, completed, info
+
+    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return the picture of the camera that follows the vehicle, (480, 640, 3).
+
+        Raises:
+            ResetNeeded: no run was started yet.
+        """
+        if self._camera is None:
+            return None
+        if not hasattr(self, "_setup"):
+            raise ResetNeeded("render: call reset() first")
+        return self._camera.picture(self._setup.plant)
 
     def _controller(
         self, vehicle: Vehicle, reference: Reference, period_s: float, **options: object
@@ -222,7 +248,7 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
                 return end.value
         return None
 
-    def _observe(self) -> FloatArray:
+    def _observe(self) -> Entries:
         tick, k = self._tick, self._guidance.reference_tick
         assert tick.estimate is not None
         if self._guidance.reference is not self._reference:  # the model was learnt anew

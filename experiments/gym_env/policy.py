@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ttempc.models.kinematics import Error, estimated_error
 from ttempc.reference.reference import Reference
@@ -80,7 +81,7 @@ class EstimateObserver:
         places = np.minimum(np.arange(self._last + 1)[:, None] + ahead, self._last)
         self._entries = np.column_stack([self._grid.curvature[places], self._grid.inputs])  # (N, 7)
 
-    def observe(self, estimate: Estimate, k: int, sent: FloatArray) -> FloatArray:
+    def observe(self, estimate: Estimate, k: int, sent: FloatArray) -> NDArray[np.float32]:
         """Return the observation at tick `k` after the command `sent` (3,), (n,)."""
         k = min(k, self._last)
         error, state = estimated_error(estimate, self._grid, k), estimate.state[State.DELTA_T :]
@@ -88,7 +89,7 @@ class EstimateObserver:
         reference = self._entries[k]
         entries = np.concatenate([error, state, hitch, estimate.disturbance, reference, sent])
         finite = np.where(np.isfinite(entries), entries, 0.0)
-        return np.minimum(np.maximum(finite, -self._bounds), self._bounds)
+        return np.minimum(np.maximum(finite, -self._bounds), self._bounds).astype(np.float32)
 
 
 Residual = Callable[[Estimate, int, FloatArray], FloatArray]

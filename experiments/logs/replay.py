@@ -123,5 +123,7 @@ def _samples(row: list[float]) -> Iterator[Measurement]:
     for sensor in _ORDER:
         *value, time_s = row[MEASUREMENT_COLUMNS[sensor]]
         if not math.isnan(time_s):
-            status = int(value.pop()) if sensor.startswith("gnss") else 0
-            yield Measurement(time_s, sensor, tuple(value), status)
+            status = value.pop() if sensor.startswith("gnss") else 0.0
+            if not math.isfinite(status):
+                raise InvalidReplay(f"{MEASUREMENT.topic}: a status of {sensor} is no number")
+            yield Measurement(time_s, sensor, tuple(value), int(status))

@@ -13,7 +13,7 @@ from ttempc.types import FloatArray
 from ..errors import InvalidStudy
 from ..scenario.scenario import Scenario, ScenarioFile, merge_tables, without_none
 from ..sweep.plan import scenario_value
-from ..sweep.study import Scalar
+from ..sweep.study import BY_NAME, Scalar
 
 _FREE: Final = "free"
 _ENDS: Final = (0.1, 0.9)  # of the path: the vehicle has started, and can still be lost
@@ -236,7 +236,7 @@ def read_quantity(word: str, more: tuple[str, ...] = ()) -> tuple[Parameter, boo
         return QUANTITIES[word], False
     key, equals, text = word.partition("=")
     names = (*QUANTITIES, *more)
-    if not equals:
+    if not equals or key in (*BY_NAME, "controller.name"):  # these have no numbers
         raise InvalidStudy(
             f"quantity {word!r}: must be KEY=LOW:HIGH or one of {', '.join(names)}"
             f"{did_you_mean(word, names)}"

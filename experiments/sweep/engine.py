@@ -19,7 +19,7 @@ from multiprocessing import connection
 from typing import Any, Final, TypeVar
 
 from ...testbed.recording.provenance import code_digest, versions
-from ..errors import SweepRefused
+from ..errors import SweepRefused, SweepStopped
 from ..threads import ONE_THREAD
 
 _CONNECT_S: Final = 5.0
@@ -202,8 +202,14 @@ def _cluster(address: str) -> Iterator[Engine]:
         raise SweepRefused(f"scheduler {address}: cannot be reached: {reason}") from None
     with client:
         _check(client)
-        executor = client.get_executor(pure=False)
-        yield Engine(executor, lambda: max(1, sum(client.nthreads().values())), KilledWorker)
+
+        def width() -> int:
+            try:
+                return max(1, sum(client.nthreads().values()))
+            except OSError:
+                raise SweepStopped("the scheduler is gone") from None
+
+        yield Engine(client.get_executor(pure=False), width, KilledWorker)
 
 
 def _check(client: Any) -> None:  # noqa: ANN401 - Dask has no types

@@ -51,6 +51,7 @@ _STATE = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_ra
 _DISTURBANCE = ("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip")
 _MAP_DISTURBANCE = ("side_x_rad", "side_y_rad", "climb_x", "climb_y")
 _COMMAND = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
+_LARGEST = 1e6  # entry of an estimate in SI units: beyond it there is no vehicle
 _SAME_TIME_S = 1e-6
 Run = TypeVar("Run")
 
@@ -175,10 +176,13 @@ def run_errors(record: Record, reference: Reference) -> RunErrors:
     """Return the errors of a run from the end of start-up to the first missing tick."""
     time_s = record[ESTIMATE].time_s
     ticks = np.round(time_s / PAPER_PERIOD_S)
+    for table in (record[ESTIMATE], record[STATE], record[CONTROL]):
+        if not (np.diff(table.time_s) > 0.0).all():
+            raise InvalidFit(f"{table.channel.topic}: its times must increase from row to row")
     kept = (time_s >= START_UP_S) & (np.abs(ticks * PAPER_PERIOD_S - time_s) < _SAME_TIME_S)
     for table in (record[STATE], record[CONTROL]):
         kept &= np.isin(time_s, table.time_s)
-    kept &= np.isfinite(record[ESTIMATE].columns(*_STATE)).all(axis=1)
+    kept &= (np.abs(record[ESTIMATE].columns(*_STATE)) < _LARGEST).all(axis=1)
     first = int(np.argmax(kept))
     gaps = np.flatnonzero(~kept[first:])
     last = first + int(gaps[0]) if len(gaps) else len(kept)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from ctypes.util import find_library
 
 import gymnasium
 import numpy as np
@@ -18,7 +19,7 @@ from proving_ground.testbed.recording.channels import CONTROL, STATE, TRACKING
 
 from tests.testbed.truths import state_row
 
-ENVIRONMENT = "proving_ground.experiments.gym_env:ttempc/FieldTrial-v1"
+ENVIRONMENT = "proving_ground.experiments.gym_env:ttempc/FieldTrial-v2"
 STRAIGHT = ("path={kind='straight', length_m=6}",)
 COMMANDS = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 SEED = 7
@@ -71,13 +72,49 @@ def test_commands_of_a_run_give_its_states_bit_for_bit(driven):
     np.testing.assert_array_equal(states, at_ticks(record))
     assert (terminated, truncated, info["status"]) == (False, True, summary.status)
     errors = observations[:-1, : len(TRACKING.fields[:7])]  # of the estimate, as logged
-    np.testing.assert_array_equal(errors, record[TRACKING].values[:, :7])
+    np.testing.assert_array_equal(errors, record[TRACKING].values[:, :7].astype(np.float32))
     scaled = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT)
     _, entries, *_ = repeat(scaled, np.zeros((3, 3)))
     assert np.abs(entries).max() <= 1.0
     beta = scaled.unwrapped.observation_names.index("beta_rad")
-    np.testing.assert_allclose(entries[0], np.clip(observations[0] / SCALE, -1.0, 1.0))
+    np.testing.assert_allclose(entries[0], np.clip(observations[0] / SCALE, -1.0, 1.0), rtol=1e-6)
     assert math.isclose(SCALE[beta], math.pi)
+
+
+def test_a_run_that_the_supervisor_stops_ends_as_that_of_the_command_line():
+    """On a slope `feedforward` drifts off its path until it is stopped."""
+    overrides = ("controller.name=feedforward",)
+    summary, record = simulate(*load("wet-slope", overrides), 1)
+    environment = FieldTrial("wet-slope", overrides, action="residual")
+    environment.reset(seed=1)
+    terminated = False
+    while not terminated:
+        *_, terminated, truncated, info = environment.step(np.zeros(3, np.float32))
+        assert not truncated
+    assert (info["status"], info["failure"]) == (summary.status, summary.failure)
+    assert info["time_s"] == pytest.approx(record[STATE].time_s[-1])
+
+
+@pytest.mark.skipif(
+    any(find_library(name) is None for name in ("EGL", "GL")),
+    reason="off-screen rendering needs libEGL and libGL (Debian: libegl1 libgl1)",
+)
+def test_a_picture_shows_the_vehicle_where_it_is():
+    environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT, render_mode="rgb_array")
+    with pytest.raises(ResetNeeded):
+        environment.unwrapped.render()
+    pictures = []
+    for seed in (1, 1, 2):
+        environment.reset(seed=seed)
+        pictures.append(environment.render())
+    first, again, other = pictures
+    assert (first.shape, first.dtype) == ((480, 640, 3), np.uint8)
+    red = (first[..., 0] > 120) & (first[..., 1:].max(axis=2) < 70)
+    assert 0.01 < red[120:400, 160:560].mean() < 0.5  # the tractor, in the middle
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)  # another field
+    environment.close()
+    assert FieldTrial("grass", STRAIGHT).render() is None
 
 
 def test_a_residual_of_nothing_is_the_controller_bit_for_bit(driven):
@@ -158,6 +195,7 @@ def test_options_are_refused_in_a_line_and_code_of_a_file_needs_trust(tmp_path):
     for options, message in (
         ({"action": "torque"}, "action: must be one of command, residual"),
         ({"residual_share": 0.0}, "residual_share: "),
+        ({"render_mode": "human"}, "render_mode: "),
         ({"residual_share": "1"}, "residual_share: "),
         ({"overrides": 1}, "overrides "),
     ):

@@ -1,10 +1,12 @@
 """Replay of a log through an estimator, and its figures."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import InvalidReplay
 from proving_ground.experiments.logs.replay import (
     estimator_of,
     read_run,
@@ -12,7 +14,12 @@ from proving_ground.experiments.logs.replay import (
     same_as_recorded,
 )
 from proving_ground.experiments.results.consistency import consistency
-from proving_ground.testbed.recording.channels import ESTIMATE, STATE
+from proving_ground.testbed.recording.channels import (
+    ESTIMATE,
+    MEASUREMENT,
+    MEASUREMENT_COLUMNS,
+    STATE,
+)
 from proving_ground.testbed.recording.record import Record, Table
 
 from ttempc.types import Estimate, Innovation, Sensor
@@ -33,6 +40,16 @@ def test_a_replay_returns_the_estimates_of_the_run_bit_for_bit(run):
     estimates = replay(record, estimator_of(scenario))
     assert len(estimates) == len(record[ESTIMATE]) > 50
     assert same_as_recorded(estimates, record)
+
+
+def test_a_status_that_is_no_number_is_refused(run):
+    record, scenario = run
+    samples = record[MEASUREMENT]
+    values = samples.values.copy()
+    values[:, MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR].stop - 2] = math.nan
+    wrong = {**record.tables, MEASUREMENT.topic: replace(samples, values=values)}
+    with pytest.raises(InvalidReplay, match="status of gnss_tractor"):
+        replay(replace(record, tables=wrong), estimator_of(scenario))
 
 
 def test_figures_of_estimates_with_known_errors():

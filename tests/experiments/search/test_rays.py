@@ -188,6 +188,7 @@ def test_bad_input_is_one_line_before_any_run(tmp_path, monkeypatch, capsys):
     for words, message in (
         (["rays", "grass", "gusts"], "did you mean gust?"),
         (["limit", "grass", "gust"], "KEY=LOW:HIGH"),
+        (["limit", "grass", "controller=0:1"], "KEY=LOW:HIGH"),
     ):
         assert main(["search", *words, "--workers", "0"]) == 2
         assert message in capsys.readouterr().err

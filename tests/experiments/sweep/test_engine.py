@@ -5,7 +5,7 @@ import signal
 
 import pytest
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.errors import SweepRefused
+from proving_ground.experiments.errors import SweepRefused, SweepStopped
 from proving_ground.experiments.sweep import engine as engine_module
 from proving_ground.experiments.sweep.engine import Engine, InProcess, engine, imap_bounded
 from proving_ground.experiments.sweep.folder import lock_folder
@@ -57,9 +57,17 @@ def test_a_sweep_outlives_the_workers_of_a_cluster_with_the_same_code(tmp_path, 
         with engine(address=cluster.scheduler_address) as workers:
             check_outlives_its_workers(workers, tmp_path)
         same = engine_module.provenance()
-        monkeypatch.setattr(engine_module, "provenance", _Other({**same, "code": "other"}))
-        with pytest.raises(SweepRefused, match="code"), engine(address=cluster.scheduler_address):
-            pass
+        with monkeypatch.context() as patch:
+            patch.setattr(engine_module, "provenance", _Other({**same, "code": "other"}))
+            with (
+                pytest.raises(SweepRefused, match="code"),
+                engine(address=cluster.scheduler_address),
+            ):
+                pass
+        with engine(address=cluster.scheduler_address) as workers:
+            cluster.close()
+            with pytest.raises(SweepStopped, match="gone"):
+                workers.width()
 
 
 class _Other:

@@ -252,6 +252,9 @@ def test_runs_of_a_fit_must_be_alike_complete_and_of_different_seeds():
     }
     with pytest.raises(InvalidFit, match=r"ended after 99.8 s of 136.7 s: runs must complete"):
         fit_run(replace(record, tables=short), SCENARIO)
+    backwards = replace(record[CONTROL], time_s=record[CONTROL].time_s[::-1])
+    with pytest.raises(InvalidFit, match="/control: its times"):
+        fit_run(replace(record, tables={**record.tables, CONTROL.topic: backwards}), SCENARIO)
 
 
 def test_a_fit_that_its_hold_out_contradicts_says_so(monkeypatch):
