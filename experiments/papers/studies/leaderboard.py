@@ -25,6 +25,7 @@ from ...sweep_report.format import format_numbers
 from ...trials.bench import Entrant, bench
 from ...trials.definition import trial_files
 from ...trials.score_card import (
+    LOSS_M,
     PUBLIC,
     Interval,
     ScoreCard,
@@ -72,7 +73,7 @@ _ABOUT: Final = {
     "corridor": "crop rows of +-6 cm on a soft slope",
     "faults": "one of ten faults a run",
     "headland": "loops at the stops, wet slope",
-    "line-entry": "entry from 1.5 m beside the line",
+    "line-entry": "entry from 1.5 m beside a line",
     "reverse": "in reverse, entry from 1 m",
     "rough-grass": "rough grass",
     "ruts": "two laps in one's own ruts",
@@ -224,10 +225,12 @@ def headline(cards: Mapping[str, ScoreCard]) -> Block:
     footer = (
         f"<sub>Cards of the simulated benchmark `{first.identifier}`: mean over "
         f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
-        "not complete counts 1 m; `ttempc bench NAME`; "
+        f"not complete counts {LOSS_M:g} m, trials are weighted; `ttempc bench NAME`; "
         "[all entries and intervals](docs/results.md#benchmark)</sub>"
     )
-    return Block(markdown(heads, [*lines, ("all, geometric mean", *overall)]), footer=footer)
+    return Block(
+        markdown(heads, [*lines, ("all, weighted geometric mean", *overall)]), footer=footer
+    )
 
 
 def leaderboard(cards: Sequence[ScoreCard]) -> str:
