@@ -47,7 +47,6 @@ CARDS: Final = "field-trials"
 SHIPPED: Final = (
     ("ttempc",),
     ("ttempc", "controller.options.tightening=none"),
-    ("ttempc", "controller.options.robust=false"),
     ("ttempc", "controller.learn=false"),
     ("ttempc-nominal",),
     ("pid",),

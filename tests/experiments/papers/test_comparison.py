@@ -109,7 +109,8 @@ def test_readme_results_and_score_cards_order_controllers_alike_or_readme_says_s
     short = costs(made.text)
     tables = [part for part in results.split("\n\n") if part.startswith("|")]
     by_entry = costs(tables[1])
-    assert leaderboard.leaderboard([*cards.values()]).split("\n\n")[4] == tables[1]
+    now = [card for card in cards.values() if card.identifier == cards["ttempc"].identifier]
+    assert leaderboard.leaderboard(now).split("\n\n")[4] == tables[1]
     prose = readme.replace(made.text, "")
     for name in leaderboard.trial_files():
         own = {entry: row[name] for entry, row in by_entry.items()}
