@@ -109,7 +109,7 @@ class Fault:
         Field(description="Start, as the distance of the tractor's reference along the path."),
     ] = None
     of_seeds: Annotated[
-        tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=1)]] | None,
+        tuple[Annotated[int, Field(ge=0, le=999)], Annotated[int, Field(ge=1, le=1000)]] | None,
         Field(description="`[k, n]`: only in runs whose seed is k modulo n; absent: in all."),
     ] = None
 

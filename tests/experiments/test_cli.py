@@ -115,7 +115,7 @@ def test_bad_input_gets_one_line_and_exit_code_2_and_writes_nothing(here, capsys
         (("--seed", "-1"), "--seed"),
         (("--speed", "2"), "--speed"),
         (("--port", "2"), "--port"),
-        (("--live", "--speed", "0"), "must be above 0"),
+        (("--live", "--speed", "0"), "must be from 1e-6"),
         (("--record-rate", "30"), "must be one of 5, 10, 20, 25, 50"),
         (("--controller", "pidd"), "did you mean pid"),
         (("--set", "soil.cone_index_kpa=-3"), "soil.cone_index_kpa"),
@@ -222,7 +222,7 @@ def test_code_that_a_file_names_runs_only_on_trust(here, capsys):
             ["run", "theirs.toml", "--view"],
             ["validate", "theirs.toml"],
             ["search", "limit", "theirs.toml", "speed"],
-            ["search", "worst", "theirs.toml", "speed"],
+            ["search", "rays", "theirs.toml", "speed"],
             ["sweep", "study.toml", "--dry-run"],
         ):
             assert "is code that this file asks to run" in refusal(capsys, *command)
