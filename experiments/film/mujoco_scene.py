@@ -75,6 +75,25 @@ def check_graphics() -> None:
     graphics_context().free()
 
 
+def off_screen_renderer(model: mujoco.MjModel) -> mujoco.MjrContext:
+    """Return the renderer of a model into the off-screen buffer of the current context."""
+    renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, renderer)
+    return renderer
+
+
+def rendered(
+    scene: mujoco.MjvScene, renderer: mujoco.MjrContext, size: tuple[int, int]
+) -> NDArray[np.uint8]:
+    """Return the picture of a scene of a size (width, height), (height, width, 3)."""
+    width, height = size
+    rectangle = mujoco.MjrRect(0, 0, width, height)
+    mujoco.mjr_render(rectangle, scene, renderer)
+    pixels = np.empty((height, width, 3), dtype=np.uint8)
+    mujoco.mjr_readPixels(pixels, None, rectangle, renderer)
+    return pixels[::-1]  # OpenGL's first row is the bottom row
+
+
 class MujocoScene:
     """Renderer of one run at any time, with the bodies at their logged poses.
 
@@ -111,8 +130,7 @@ class MujocoScene:
         mujoco.mj_kinematics(model, self.data)  # poses of the static geoms
         self._gl = graphics_context()
         model.vis.global_.offwidth, model.vis.global_.offheight = size
-        self._renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._renderer)
+        self._renderer = off_screen_renderer(model)
         self._scene = mujoco.MjvScene(model, model.ngeom * (1 + len(ghosts)) + _MOST_LINES)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         self._options = mujoco.MjvOption()
@@ -143,12 +161,7 @@ class MujocoScene:
         self._add_lines(time_s)
         for ghost in self._ghosts:
             self._add_ghost(ghost.poses(time_s), poses, ghost.colour)
-        width, height = self._size
-        rectangle = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_render(rectangle, self._scene, self._renderer)
-        pixels = np.empty((height, width, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(pixels, None, rectangle, self._renderer)
-        return pixels[::-1]  # OpenGL's first row is the bottom row
+        return rendered(self._scene, self._renderer, self._size)
 
     def _compiled(self) -> mujoco.MjModel:
         """Return the log's model with the ground and light of a film."""

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...testbed.simulation.plant import Plant
-from ..film.mujoco_scene import graphics_context
+from ..film.mujoco_scene import graphics_context, off_screen_renderer, rendered
 
-_WIDTH, _HEIGHT = 640, 480  # pixels: MuJoCo's default of an off-screen buffer
+_SIZE = 640, 480  # pixels: MuJoCo's default of an off-screen buffer
 _VIEW = "chase"  # camera of the MJCF
 _SHAPES = 1000  # in a picture, at most
 
@@ -31,10 +31,7 @@ class Camera:
         if plant is not self._plant:
             self._plant, self._model = plant, plant.drawn_model()
             self._data = mujoco.MjData(self._model)
-            self._renderer = mujoco.MjrContext(
-                self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value
-            )
-            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._renderer)
+            self._renderer = off_screen_renderer(self._model)
             self._scene = mujoco.MjvScene(self._model, _SHAPES)
         model, data = self._model, self._data
         data.qpos[:] = plant.data.qpos
@@ -45,8 +42,4 @@ class Camera:
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(_VIEW).id
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, view, everything, self._scene)
-        rectangle = mujoco.MjrRect(0, 0, _WIDTH, _HEIGHT)
-        mujoco.mjr_render(rectangle, self._scene, self._renderer)
-        pixels = np.empty((_HEIGHT, _WIDTH, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(pixels, None, rectangle, self._renderer)
-        return pixels[::-1]  # OpenGL's first row is the bottom row
+        return rendered(self._scene, self._renderer, _SIZE)

@@ -29,7 +29,7 @@ from .tables import markdown
 Attack = Callable[[], str | None]  # returns how it failed
 CARD: Final = ROOT / "docs" / "field-trials" / "pid.json"
 FILES: Final = (b"", b"x", b"1 2\n3", b"1,,2", b"\xff" * 99, b"1e999 1\n1 1", b"\x93NUMPY", b"[]")
-SHORT: Final = "path]\nkind = 'straight'\nlength_m = 2.0\n"
+STRAIGHT: Final = "kind = 'straight'\nlength_m = 2.0\n"  # keys of a table of the path
 
 
 def command(*words: object, codes: tuple[int, ...] = (2,)) -> str | None:
@@ -66,7 +66,7 @@ def isolated(attack: Attack, limit_s: float = 300.0) -> str:
 def files(folder: Path) -> Iterator[Attack]:
     """Maps, score cards, files of seeds and logs that are none."""
     scenario, out = folder / "short.toml", ("-o", folder / "out")
-    scenario.write_text(f"[{SHORT}")
+    scenario.write_text(f"[path]\n{STRAIGHT}")
     for k, data in enumerate((*FILES, *(CARD.read_bytes()[:n] for n in range(40, 4000, 200)))):
         for file in (folder / f"{k}.npy", folder / f"{k}.csv"):
             file.write_bytes(data)
@@ -80,7 +80,7 @@ def files(folder: Path) -> Iterator[Attack]:
 def kills(folder: Path) -> Iterator[Attack]:
     """A sweep of six runs, killed at each of 100 random moments and continued."""
     study = folder / "study.toml"
-    study.write_text(f"scenario = 'pavement'\nseeds = [1, 2, 3, 4, 5, 6]\n[set.{SHORT}")
+    study.write_text(f"scenario = 'pavement'\nseeds = [1, 2, 3, 4, 5, 6]\n[set.path]\n{STRAIGHT}")
     words = "sweep", study, "-q", "--workers", "0", "-o"
 
     def row_bits(place: Path) -> list[str]:

@@ -10,7 +10,7 @@ and goes, a milder failure may exist.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -50,9 +50,8 @@ class Ray:
     """Least severity found to fail; None: the ray holds to its end."""
     failure: str = ""
     """How the run at `fails` failed."""
-    runs: int = 0
-    without_result: int = 0
-    """Runs that were refused by the scenario or raised an error; they end the bisection."""
+    broken: bool = False
+    """Whether a run was refused by the scenario or raised an error, which ends the bisection."""
 
 
 @dataclass(frozen=True)
@@ -112,18 +111,16 @@ def bisect(
     asked = [(k, 1.0) for k in range(count)]
     for _ in range(1 + STEPS):
         for (k, severity), failure in zip(asked, evaluate(asked), strict=True):
-            ray = rays[k]
-            lost = int(failure is None)
-            holds, fails, how = ray.holds, ray.fails, ray.failure
-            if failure:
-                fails, how = severity, failure
-            elif failure is not None:
-                holds = severity
-            rays[k] = Ray(holds, fails, how, ray.runs + 1, ray.without_result + lost)
+            if failure is None:
+                rays[k] = replace(rays[k], broken=True)
+            elif failure:
+                rays[k] = replace(rays[k], fails=severity, failure=failure)
+            else:
+                rays[k] = replace(rays[k], holds=severity)
         asked = [
             (k, 0.5 * (ray.holds + ray.fails))
             for k, ray in enumerate(rays)
-            if ray.fails is not None and not ray.without_result
+            if ray.fails is not None and not ray.broken
         ]
         if not asked:
             break
@@ -226,7 +223,7 @@ def search_rays(
     if (least := report.least) is not None:
         point = at(least, rays[least].fails or 0.0)
         found = plan([point]).setting(space.changes(point))
-        report = Report(**{**vars(report), "values": space.changes(point)})
+        report = replace(report, values=space.changes(point))
     if folder is not None:
         write_file(folder / "worst.toml", found.toml)
         write_file(folder / "rays.json", report.to_json())

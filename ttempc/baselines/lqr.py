@@ -34,7 +34,7 @@ class LqrOptions:
     # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction
     step_weight: tuple[float, ...] = (0.3, 0.1, 0.3)
     # Largest heading at which the tractor approaches its path from beside [deg]: a cross-track
-    # error counts up to that which asks for it. Assumed
+    # error counts up to that which asks for it. Of 20, 30, 45 and none the best on entries
     capture_deg: float = 20.0
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 

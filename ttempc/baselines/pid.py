@@ -29,7 +29,8 @@ class PidOptions:
     # Lowest speed that gains are computed for [m/s]; they grow without bound towards 0; assumed
     least_speed_mps: float = 0.3
     # Largest heading at which the tractor approaches its path from beside [deg]: a cross-track
-    # error counts up to that which asks for it, and the integral grows within it alone. Assumed
+    # error counts up to that which asks for it, and the integral grows within it alone. The value
+    # is the best of 20, 30, 45 and none on entries
     capture_deg: float = 20.0
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 

@@ -71,7 +71,6 @@ def enter(case: Case) -> Row:
     home = summary.status == "completed" and max(map(abs, last)) < _HOME_M
     over = [row[f"entry.{body}.overshoot_m"] for body in _BODIES]
     settled = [row[f"entry.{body}.settled_m"] for body in _BODIES]
-    del row["controller"]  # the axis has its options, too
     return {
         **row,
         "home": home,
@@ -118,16 +117,16 @@ STUDIES: Final = (
     Study(
         name="entry",
         scenarios=("line-entry",),
-        axes={"ground": GROUNDS, "controller": CONTROLLERS, "start": STARTS},
+        axes={"ground": GROUNDS, "variant": CONTROLLERS, "start": STARTS},
         seeds=_SEEDS,
         overrides=(),
         drive=enter,
         table=lambda runs: grouped(
             runs,
-            ["ground", "controller"],
+            ["ground", "variant"],
             {
                 "ground": label("ground"),
-                "controller": label("controller"),
+                "controller": label("variant"),
                 "home [%]": _home,
                 "at the floor [%]": _at_floor,
                 "overshoot [cm]": _quantiles("over", 100.0),

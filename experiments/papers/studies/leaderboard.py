@@ -120,14 +120,13 @@ def make_power(runner: Runner) -> Block:
     first, second = sets.values()
     numbers, shares = pair_numbers(first), variance_shares(first)
     lines = [
-        (name, f"{sum(abs(t) > _SEPARATED for t in row)} of {len(row)}", weight, share)
-        for name, row, weight, share in zip(
-            first[0].trials,
-            numbers.T,
-            (f"{value:.2f}" for value in weights().values()),
-            (f"{100.0 * value:.0f}" for value in shares.max(axis=0)),
-            strict=True,
+        (
+            name,
+            f"{(np.abs(row) > _SEPARATED).sum()} of {len(row)}",
+            f"{weights()[name]:.2f}",
+            f"{100.0 * share:.0f}",
         )
+        for name, row, share in zip(first[0].trials, numbers.T, shares.max(axis=0), strict=True)
     ]
     pairs = [*itertools.combinations(range(len(SERIOUS)), 2)]
     verdicts = []
@@ -156,17 +155,14 @@ def make_power(runner: Runner) -> Block:
     )
 
 
-def _logs(cards: Sequence[ScoreCard]) -> FloatArray:
-    """Return linearised logs of mean costs by pair of entries, (pairs, seeds, trials)."""
-    found = [costs(card.trials) for card in cards]
-    relative = [cost / cost.mean(axis=0) for cost in found]
-    return np.array([b - a for a, b in itertools.combinations(relative, 2)])
+def _gaps(tables: Sequence[FloatArray]) -> FloatArray:
+    """Return second less first table (seeds, trials) of each pair, (pairs, seeds, trials)."""
+    return np.array([b - a for a, b in itertools.combinations(tables, 2)])
 
 
 def pair_numbers(cards: Sequence[ScoreCard]) -> FloatArray:
     """Return Student's t of the paired difference of costs, (pairs, trials); 0 of equal costs."""
-    found = [costs(card.trials) for card in cards]
-    gaps = np.array([b - a for a, b in itertools.combinations(found, 2)])
+    gaps = _gaps([costs(card.trials) for card in cards])
     spread = gaps.std(axis=1, ddof=1) / np.sqrt(gaps.shape[1])
     equal = np.where(gaps.mean(axis=1) == 0.0, 0.0, np.inf)
     return np.divide(gaps.mean(axis=1), spread, out=equal, where=spread > 0.0)
@@ -183,7 +179,9 @@ def variance_shares(
     """
     table = weights() if shares is None else shares
     weight = np.array([table[name] for name in cards[0].trials])
-    parts = weight**2 * _logs(cards).var(axis=1, ddof=1)
+    found = [costs(card.trials) for card in cards]
+    logs = _gaps([cost / cost.mean(axis=0) for cost in found])  # linearised at the means
+    parts = weight**2 * logs.var(axis=1, ddof=1)
     return parts / parts.sum(axis=1, keepdims=True)
 
 

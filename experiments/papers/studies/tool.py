@@ -20,15 +20,15 @@ STUDIES: Final = (
         scenarios=("cultivate",),
         axes={
             "sensors": {"scenario's": (), "and IMUs": ("sensors.imu.on=true",)},
-            "controller": CONTROLLERS,
+            "variant": CONTROLLERS,  # a row has a controller of its own
         },
         seeds=_SEEDS,
         table=lambda runs: grouped(
             runs,
-            ["sensors", "controller"],
+            ["sensors", "variant"],
             {
                 "sensors": label("sensors", "{}"),
-                "controller": label("controller", "{}"),
+                "controller": label("variant", "{}"),
                 "tool, p95": mean("tracking.all.tool.cross_p95_m"),
                 "trailer axle": mean("tracking.all.trailer.cross_p95_m"),
                 "tractor": mean("tracking.all.tractor.cross_p95_m"),

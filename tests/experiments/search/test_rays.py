@@ -52,15 +52,19 @@ def test_rays_end_where_the_first_quantity_meets_its_bound():
 def test_bisection_brackets_the_limit_of_each_ray():
     limits = np.array([0.01, 0.3, 0.77, 1.0, 1.2])
 
+    runs = [0] * len(limits)
+
     def evaluate(asked):
+        for k, _ in asked:
+            runs[k] += 1
         return ["fails" * int(severity >= limits[k]) for k, severity in asked]
 
     rays = bisect(evaluate, len(limits))
     for ray, limit in zip(rays[:4], limits, strict=False):
         assert ray.fails - ray.holds == pytest.approx(2.0**-STEPS)
         assert ray.holds < limit <= ray.fails
-        assert ray.runs == 1 + STEPS
-    assert (rays[4].holds, rays[4].fails, rays[4].runs) == (1.0, None, 1)
+    assert (rays[4].holds, rays[4].fails) == (1.0, None)
+    assert runs == [1 + STEPS] * 4 + [1]
     report = Report("s", "c", 1, None, tuple(rays), {}, {})
     assert [report.survived(x) for x in (0.0, 0.25, 0.5, 1.0)] == [5, 4, 3, 1]
     assert report.least == 0
@@ -68,7 +72,7 @@ def test_bisection_brackets_the_limit_of_each_ray():
 
 def test_a_run_without_a_result_ends_its_ray():
     rays = bisect(lambda asked: [None if s < 1.0 else "fails" for _, s in asked], 2)
-    assert [(ray.fails, ray.runs, ray.without_result) for ray in rays] == [(1.0, 2, 1)] * 2
+    assert [(ray.fails, ray.holds, ray.broken) for ray in rays] == [(1.0, 0.0, True)] * 2
 
 
 def test_values_and_severities_of_a_space():
@@ -169,7 +173,7 @@ def test_the_file_of_a_worst_case_replays_its_failure(folder, tmp_path, capsys):
     report = json.loads((folder / "rays.json").read_text())
     failing = [ray for ray in report["rays"] if ray["fails"] is not None]
     least = min(failing, key=lambda ray: ray["fails"])
-    assert 1 + sum(ray["runs"] for ray in report["rays"]) == len(results(folder))
+    assert len(report["rays"]) == 2
     command = ["run", str(folder / "worst.toml"), "--seed", str(report["seed"]), "--json"]
     assert main([*command, "--out", str(tmp_path / "run")]) == 3
     summary = json.loads(capsys.readouterr().out)

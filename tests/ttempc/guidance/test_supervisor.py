@@ -147,6 +147,23 @@ def test_a_vehicle_from_beside_may_come_in_but_not_go_away(rate, stops):
     assert f"more than {2.9 if stops else 2:g} m" in said[stopped[0]]
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])  # left, right
+@pytest.mark.parametrize("away", [True, False])
+def test_only_a_heading_away_from_the_path_gives_room_for_a_turn(side, away):
+    """From 1.8 m on, out to 2.6 m: half a metre is for all, the turn for a heading away."""
+
+    def estimate(k):
+        state = REFERENCE.at(k * PERIOD_S).state
+        aside, heading = side * (1.8 + 0.1 * min(k, 8)), state[State.PSI_T]
+        state[State.X] -= aside * np.sin(heading)
+        state[State.Y] += aside * np.cos(heading)
+        state[[State.PSI_T, State.PSI_I]] += 0.5 * side * (1.0 if away else -1.0)
+        return replace(seen_truth(state, k * PERIOD_S, VEHICLE), innovations=SEEN)
+
+    _, said = drive(supervised(), 12, estimate)
+    assert any("beside its reference: stopped" in text for text in said) == (not away)
+
+
 ALARM = Alarm("front steering", "front steering does not follow its command", Reaction.STOP)
 
 
