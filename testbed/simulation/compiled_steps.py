@@ -17,13 +17,12 @@ import ctypes
 import math
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 import llvmlite.binding
 import mujoco
 import numpy as np
-from numba import config, types
+from numba import config
 from numpy.typing import NDArray
 
 from ttempc.jit import cached_njit
@@ -36,21 +35,13 @@ from ..implement.tool_kernel import tool_step
 from ..vehicle.steering_coupling import couple_joints
 from ..wheels.tyre_kernel import wheel_step
 from ..wheels.wheel_models import SoilWheels
+from .dynamics import EXPLICIT, dynamics_arguments, full_positions, move, smooth_positions
 from .moment import write_moment
-
-for _pattern in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
-    for _library in Path(mujoco.__file__).parent.glob(_pattern):
-        # loaded already by `mujoco`: this makes its symbols known to numba
-        llvmlite.binding.load_library_permanently(str(_library))
 
 MOTION_M: Final = 0.2  # largest motion from one look at the shapes to the next
 TILE_M: Final = 0.5
 # of the plane over the heights: MuJoCo keeps them in single precision
 _ROUNDING_M: Final = 1e-3
-
-_OF_MODEL_AND_DATA: Final = types.void(types.intp, types.intp)
-_step1: Final = types.ExternalFunction("mj_step1", _OF_MODEL_AND_DATA)
-_step2: Final = types.ExternalFunction("mj_step2", _OF_MODEL_AND_DATA)
 
 
 def clock() -> np.ndarray:
@@ -154,6 +145,7 @@ def soil_steps(
     wheels: tuple[Any, ...],
     coupling: tuple[Any, ...],
     tool: tuple[Any, ...] | None,
+    dynamics: tuple[Any, ...],
     chassis: tuple[Any, ...],
     reaches: FloatArray,
     limits: FloatArray,
@@ -206,6 +198,8 @@ def soil_steps(
     for i in range(qpos.size):
         if looked[i] != qpos[i]:
             free = 0.0
+    smooth = free > 0.0 and looked[-2] > 0.0
+    flags[0] = given | EXPLICIT
     for axis in range(3):
         ctrl[axis] = command[axis]
     for stop in range(rows.shape[0]):
@@ -218,7 +212,7 @@ def soil_steps(
             couple_joints(*coupling)
             if tool is not None:
                 tool_step(*tool)
-            _step2(model, data)
+            move(model, data, smooth, timestep, *dynamics)
             # The shapes are where they were before the step, the velocities those that moved them.
             motion = 0.0
             for dof in range(qvel.size):
@@ -231,12 +225,17 @@ def soil_steps(
             for joint in range(limits.shape[0]):
                 angle = qpos[int(limits[joint, 0])]
                 inside = inside and limits[joint, 1] <= angle <= limits[joint, 2]
-            flags[0] = given | unused if inside else given
-            _step1(model, data)
+            if inside and smooth:
+                smooth_positions(model, data, *dynamics)
+            else:  # also once more where constraints end, so that there are none
+                flags[0] = given | (unused if inside else 0)
+                full_positions(model, data)
+                flags[0] = given | EXPLICIT
+                smooth = inside
             time += timestep
         write_moment(time, rows[stop], poses[stop], tools[stop], *moment)
     flags[0], clock[0] = given, timer
-    looked[-1] = free
+    looked[-1], looked[-2] = free, smooth
     for i in range(qpos.size):  # a slice would compile numba's texts of errors
         looked[i] = qpos[i]
 
@@ -277,10 +276,11 @@ def compiled_steps(
         wheels.arguments,
         wheels.coupling,
         implement.arguments if implement else None,  # None: `tool_step` is not compiled
+        dynamics_arguments(model, data),
         chassis,
         _reaches(model, shapes),
         np.column_stack([model.jnt_qposadr[limited], within]),
-        np.zeros(model.nq + 1),
+        np.zeros(model.nq + 2),
         moment,
         disable_flags(model),
         int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT),
