@@ -28,7 +28,7 @@ for _pattern in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
 _OF_MODEL_AND_DATA: Final = types.void(types.intp, types.intp)
 _bias_of: Final = types.void(types.intp, types.intp, types.intc, types.intp)
 _solution_of: Final = types.void(types.intp, types.intp, types.intp, types.intp, types.intc)
-full_positions: Final = types.ExternalFunction("mj_step1", _OF_MODEL_AND_DATA)
+all_positions: Final = types.ExternalFunction("mj_step1", _OF_MODEL_AND_DATA)
 _kinematics: Final = types.ExternalFunction("mj_kinematics", _OF_MODEL_AND_DATA)
 _centres: Final = types.ExternalFunction("mj_comPos", _OF_MODEL_AND_DATA)
 _inertia: Final = types.ExternalFunction("mj_makeM", _OF_MODEL_AND_DATA)
@@ -41,7 +41,7 @@ _constraint: Final = types.ExternalFunction("mj_fwdConstraint", _OF_MODEL_AND_DA
 _advance: Final = types.ExternalFunction("mj_Euler", _OF_MODEL_AND_DATA)
 
 EXPLICIT: Final = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
-"""Flag with which `mj_Euler` takes an acceleration as it is."""
+"""Flag with which `mj_Euler` takes the acceleration as it is; `implicitfast` ignores it."""
 
 
 def dynamics_arguments(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[object, ...]:
@@ -69,7 +69,7 @@ def dynamics_arguments(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[obje
 
 
 @cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST)
-def smooth_positions(
+def positions(
     model: int,
     data: int,
     tree: tuple[np.ndarray, ...],
@@ -117,7 +117,7 @@ def move(
     forces: tuple[FloatArray, ...],
     others: tuple[FloatArray, ...],
 ) -> None:
-    """Do as `mj_step2` with `implicitfast`; `mjOption.disableflags` must have `EXPLICIT`.
+    """Do as `mj_step2` with `implicitfast`, for a model that has the flag `EXPLICIT`.
 
     Forces on bodies pass from the leaves to the root, each a wrench about the vehicle's centre of
     mass, and a degree of freedom takes the part along its axis. The acceleration is that of the
