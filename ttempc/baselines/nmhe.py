@@ -61,8 +61,10 @@ class MovingHorizonEstimator:
     ) -> None:
         if iterations < 1:
             raise InvalidTuning(f"iterations: got {iterations}, must be 1 or more")
-        self._vehicle, self._parameters = vehicle, vehicle_parameters(vehicle)
+        self._vehicle = vehicle
         self._sensor_noise = sensor_noise or SensorNoise()
+        self._joint = not self._sensor_noise.angle_offset
+        self._parameters = vehicle_parameters(vehicle, self._joint)
         self._process_noise = process_noise or ProcessNoise.of(vehicle)
         self._iterations = iterations
         self._filter = ExtendedKalmanFilter(
@@ -124,7 +126,9 @@ class MovingHorizonEstimator:
         index = {time_s: k for k, time_s in enumerate(times)}
         for sample in samples:
             k = index[sample.time_s]
-            reading, jacobian = predicted_measurement(sample.sensor, guess[k], self._vehicle)
+            reading, jacobian = predicted_measurement(
+                sample.sensor, guess[k], self._vehicle, self._joint
+            )
             residual = np.array(sample.value) - reading
             if sample.sensor in ANGLES:
                 residual[0] = wrap_angle(float(residual[0]))

@@ -808,7 +808,8 @@ def first_moment(
     slow = max(sensors.difference_variance, _LEAST_VARIANCE)
     bias = max(sensors.yaw_rate_bias**2, _LEAST_VARIANCE)
     offset = max(sensors.angle_offset**2, _LEAST_VARIANCE)
-    others = [*INITIAL_SD**2, slow, slow, offset, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
+    joint = sensors.angle_offset**2 or process.joint**2
+    others = [*INITIAL_SD**2, slow, slow, joint, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
     row = np.zeros(ROW)
     start = row.view(MOMENT)[0]
     start["time_s"] = max(reading.time_s for reading in readings.values())
@@ -841,7 +842,7 @@ def filter_parameters(
     lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
-    f["vehicle"] = vehicle_parameters(vehicle)
+    f["vehicle"] = vehicle_parameters(vehicle, not sensors.angle_offset)
     f["fading"] = process.fading(sensors).ravel()
     f["rates"] = process.rates(sensors)
     f["walk"], f["gyro_sampling"] = process.scale_walk**2, process.gyro_sampling**2
@@ -853,6 +854,9 @@ def filter_parameters(
     f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
     f["dead_times"], f["memory_s"] = vehicle.dead_times, memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
+    f["unfollowed"][State.DELTA_T] = sensors.angle_offset**2  # `STEERING` takes it up
+    if sensors.angle_offset:
+        f["unfollowed"][State.DELTA_I] = process.joint**2
     f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
     f["keeps_all"] = keeps_all
     f["side_per_slope"] = process.side_per_slope

@@ -139,7 +139,7 @@ def predict_to(
     """Advance the record `ESTIMATE` by `lead_s`, but for its covariance.
 
     The lead is `whole` periods and `part_s`. Inputs act `late` by whole periods and a rest [s],
-    (3, 2); `commands` (count, 3) are the newest first, `parameters` (11,) those of the model.
+    (3, 2); `commands` (count, 3) are the newest first, `parameters` (12,) those of the model.
     """
     e = record(estimate, ESTIMATE)
     x, covariance, kept = np.zeros(SIZE), np.zeros((SIZE, SIZE)), e.covariance.copy()
