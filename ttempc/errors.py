@@ -45,6 +45,10 @@ class InvalidTime(TtempcError):
     """A time stamp that is not finite or runs backwards; the message gives both times."""
 
 
+class InvalidSamples(TtempcError):
+    """Samples that are none: of another shape or sensor, or not made of numbers."""
+
+
 class GuidanceFailed(TtempcError):
     """A controller or an estimator raised, or returned what cannot be used.
 

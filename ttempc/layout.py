@@ -6,11 +6,13 @@ with names and words, `Estimate` and `Diagnostics`, are made where somebody look
 """
 
 import math
+from array import array
 from collections.abc import Iterator, Sequence
 from typing import Final, overload
 
 import numpy as np
 
+from .errors import InvalidSamples
 from .types import Estimate, FloatArray, Innovation, Measurement, Sensor
 
 SAMPLE: Final = 5
@@ -35,20 +37,45 @@ _KINDS: Final = {
 _WRONG: Final = (np.nan, np.nan, np.nan)  # a value that no estimator takes
 
 
-def sample_rows(samples: Sequence[Measurement]) -> FloatArray:
+def sample_rows(samples: Sequence[Measurement] | FloatArray) -> FloatArray:
     """Return the rows (n, `SAMPLE`) of samples, in their order.
 
     Samples of unknown sensors are left out. A value with another number of components than those
-    of its sensor becomes NaN.
+    of its sensor becomes NaN. Samples may be given as such rows, which are checked.
+
+    Raises:
+        InvalidSamples: rows of another shape, or with a number that is none of `SensorIndex`; a
+            sample whose time or value are no numbers, or whose sensor is no name.
     """
-    rows = []
-    for sample in samples:
-        if sample.sensor in _KINDS:
-            kind, length, fill = _KINDS[sample.sensor]
-            fill = (float(sample.status),) if length == 2 else fill
-            value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
-            rows.append((sample.time_s, kind, *value))
-    return np.array(rows, dtype=float).reshape(-1, SAMPLE)
+    if isinstance(samples, np.ndarray):
+        if samples.dtype.kind not in "fiu" or samples.ndim != 2 or samples.shape[1] != SAMPLE:
+            raise InvalidSamples(
+                f"samples: got {samples.dtype} of shape {samples.shape}, must be numbers of shape "
+                f"(n, {SAMPLE})"
+            )
+        given = np.ascontiguousarray(samples, float)
+        sensor = given[:, 1]
+        known = (sensor >= 0.0) & (sensor < len(_SENSORS)) & (sensor == np.floor(sensor))
+        if not known.all():
+            raise InvalidSamples(
+                f"samples: sensor {sensor[~known][0]:g} in row {int(np.argmin(known))}, must be a "
+                f"whole number from 0 to {len(_SENSORS) - 1}"
+            )
+        return given
+    rows = array("d")  # which takes numbers only
+    try:
+        for sample in samples:
+            if sample.sensor in _KINDS:
+                kind, length, fill = _KINDS[sample.sensor]
+                fill = (sample.status,) if length == 2 else fill
+                value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
+                rows.extend((sample.time_s, kind, *value))
+            elif not isinstance(sample.sensor, str):
+                raise TypeError(f"sensor is {type(sample.sensor).__name__}")
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
+        must = "must be a sequence of Measurement(time_s, sensor, (value, ...))"
+        raise InvalidSamples(f"measurements: {error}; {must}") from None
+    return np.array(rows).reshape(-1, SAMPLE)
 
 
 def measurements_of(rows: FloatArray) -> list[Measurement]:

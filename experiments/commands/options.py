@@ -106,9 +106,9 @@ def number(text: str) -> float:
 
 
 def positive(text: str) -> float:
-    """Read a finite number above 0."""
-    if not (value := number(text)) > 0.0:
-        raise argparse.ArgumentTypeError(f"must be above 0, got {text}")
+    """Read a positive time [s], length [m] or factor, of a size that clocks can count."""
+    if not 1e-6 <= (value := number(text)) <= 1e6:
+        raise argparse.ArgumentTypeError(f"must be from 1e-6 to 1e6, got {text}")
     return value
 
 

@@ -184,8 +184,9 @@ def _bands(axes: Axes) -> dict[tuple[str, float], dict[str, _Coordinate]]:
     ends: dict[tuple[str, float], dict[str, _Coordinate]] = {}
     for band in axes.collections:
         label = str(band.get_label())
-        if isinstance(band, PolyCollection) and not label.startswith("_"):
-            vertices = np.array(band.get_paths()[0].vertices)
+        paths = band.get_paths()  # none, where no end of the band is known
+        if isinstance(band, PolyCollection) and paths and not label.startswith("_"):
+            vertices = np.array(paths[0].vertices)
             for x in np.unique(vertices[:, 0]):
                 y = vertices[vertices[:, 0] == x, 1]
                 ends[label, float(x)] = {"y_low": float(y.min()), "y_high": float(y.max())}

@@ -7,23 +7,27 @@ from typing import Any, Final
 
 import numpy as np
 
+from ttempc.errors import TtempcError
+
 from ...testbed.atomic_write import atomic_write
-from ...testbed.errors import LogError
+from ...testbed.configuration.config_io import parse_toml, validated
+from ...testbed.errors import LogError, TestbedError
 from ...testbed.ground.ground import GROUND_FILE
 from ...testbed.log.reader import RECOVERED_KEY, Content, record_of
+from ...testbed.log.scene import MODEL_FILE, attachment, ground_of, model_of, motion_of
 from ...testbed.log.writer import begin_log, refuse_existing_log
-from ...testbed.recording.channels import (
-    CONTROL,
-    ESTIMATE,
-    REFERENCE,
-    STATE,
-    TRANSFORMS_TOPIC,
-    TYRES,
-)
+from ...testbed.recording import channels as ch
+from ...testbed.vehicle.vehicle import PlantVehicle
+from ..errors import ExperimentError
+from ..scenario.scenario import ScenarioFile
 
-_CHANNELS: Final = (STATE, REFERENCE, TYRES, ESTIMATE, CONTROL)
-_REQUIRED_TOPICS: Final = (*(channel.topic for channel in _CHANNELS), TRANSFORMS_TOPIC)
-_ATTACHMENTS: Final = ("scenario.toml", "vehicle.toml", "model.xml", GROUND_FILE)
+_SCENARIO, _VEHICLE = "scenario.toml", "vehicle.toml"
+_ATTACHMENTS: Final = (_SCENARIO, _VEHICLE, MODEL_FILE, GROUND_FILE)
+_MOST_APART_S: Final = 2.0  # a few control periods; assumed
+_TOGETHER: Final = (  # topics whose messages are written at the same times
+    (ch.STATE.topic, ch.REFERENCE.topic, ch.TYRES.topic, ch.TRANSFORMS_TOPIC),
+    (ch.ESTIMATE.topic, ch.CONTROL.topic),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,25 +43,30 @@ class LogCheck:
 
 
 def check_log(content: Content) -> list[LogCheck]:
-    """Check a log for damage, missing attachments and topics, and gaps in time.
+    """Check a log for damage, missing or foreign attachments and topics, and gaps in time.
 
     Raises:
         LogError: the log is of another version of this project.
     """
-    state, found = record_of(content)[STATE], content.messages
+    record, found = record_of(content), content.messages
+    state = record[ch.STATE]
     files = [name for name in _ATTACHMENTS if name not in content.attachments]
-    topics = [topic for topic in _REQUIRED_TOPICS if not found.get(topic)]
+    topics = [topic for group in _TOGETHER for topic in group if not found.get(topic)]
     times = {topic: [each.log_time for each in group] for topic, group in found.items()}
     backwards = [topic for topic, each in times.items() if np.any(np.diff(each) < 0)]
     steps_s = np.diff(state.time_s) if len(state) > 1 else np.zeros(1)
     period_s, longest_s = float(np.median(steps_s)), float(steps_s.max())
     finite = bool(np.isfinite(state.values).all()) and bool(np.any(state.values))
     begins = steps_s.min() > 0.0 and state.time_s[0] == 0.0
-    written_s = 1e-9 * np.array(times.get(STATE.topic, []))
-    stamped = np.allclose(state.time_s, written_s, rtol=0.0, atol=1e-6)
+    written = (
+        (record[each].time_s, 1e-9 * np.array(times.get(each.topic, []))) for each in ch.CHANNELS
+    )
+    stamped = all(np.allclose(*pair, rtol=0.0, atol=1e-6) for pair in written)
     return [
         LogCheck("whole", not content.salvage, state_of(content)),
         LogCheck("attachments", not files, f"missing: {', '.join(files) or 'none'}"),
+        _readable(content),
+        _together(times),
         LogCheck("topics", not topics, f"nothing on: {', '.join(topics) or 'none'}"),
         LogCheck("time", not backwards, f"backwards on {', '.join(backwards) or 'none'}"),
         LogCheck(
@@ -68,9 +77,42 @@ def check_log(content: Content) -> list[LogCheck]:
         LogCheck(
             "state",
             finite and bool(begins) and stamped,
-            f"{len(state)} rows, to rise from 0 s, finite and at the times of their messages",
+            f"{len(state)} rows, to rise from 0 s, finite; all rows at the times of their messages",
         ),
     ]
+
+
+def _readable(content: Content) -> LogCheck:
+    """Check that attachments and poses are what their readers expect; no code is run."""
+    try:
+        scenario, vehicle = (
+            parse_toml(attachment(content, name).decode(errors="replace"), LogError, name)
+            for name in (_SCENARIO, _VEHICLE)
+        )
+        if not scenario:
+            raise LogError(f"{_SCENARIO}: is empty")
+        ScenarioFile(Path(_SCENARIO), scenario).scenario()
+        validated(PlantVehicle, vehicle, LogError)
+        for read in (model_of, ground_of, motion_of):
+            read(content)
+    except (ExperimentError, TestbedError, TtempcError) as error:
+        return LogCheck("content", False, str(error))
+    return LogCheck("content", True, "attachments and poses as this program writes them")
+
+
+def _together(times: Mapping[str, list[int]]) -> LogCheck:
+    """Check that topics of one stage have messages at the same times, and all the same end."""
+    # A torn log may end between two topics.
+    ends = [each[-1] for topics in _TOGETHER for topic in topics if (each := times.get(topic))]
+    apart_s = 1e-9 * (max(ends, default=0) - min(ends, default=0))
+    differing = [
+        topic
+        for first, *others in _TOGETHER
+        for topic in others
+        if any(a != b for a, b in zip(times.get(topic, []), times.get(first, []), strict=False))
+    ]
+    detail = f"other times on {', '.join(differing) or 'none'}; ends {apart_s:.2f} s apart"
+    return LogCheck("together", not differing and apart_s <= _MOST_APART_S, detail)
 
 
 def state_of(content: Content) -> str:

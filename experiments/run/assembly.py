@@ -84,7 +84,6 @@ class Assembly:
             plant=self.plant,
             sensors=self.sensors,
             guidance=self.guidance,
-            bounds=np.array([self.vehicle.input_min, self.vehicle.input_max]),
             sink=sink,
             reference=rows,
             control_steps=whole_steps(period_s, timestep, "control period"),

@@ -129,7 +129,7 @@ class Link:
 
     Args:
         address: to bind to; port 0 for any free one.
-        peer: the only address that is listened to; None: the first that is understood.
+        peer: the only address that is listened to; None: the first that drives, see `Session`.
 
     Raises:
         ServeError: the address is not of this machine, or its port is taken.
@@ -137,6 +137,7 @@ class Link:
 
     def __init__(self, address: Address, peer: Address | None = None) -> None:
         self.peer = peer
+        self.audience: set[Address] = set()  # who is answered while nobody owns the session
         self.counts: Counter[Trouble] = Counter()
         self.sent = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -154,15 +155,14 @@ class Link:
         self._socket.close()
 
     def send(self, payload: bytes) -> None:
-        """Send a datagram to the peer; one that the system refuses is counted."""
-        if self.peer is None:
-            return
-        try:
-            self._socket.sendto(payload, self.peer)
-        except OSError:  # too long, no route, a full queue
-            self.counts[Trouble.UNSENT] += 1
-        else:
-            self.sent += 1
+        """Send a datagram to peer or audience; one that the system refuses is counted."""
+        for address in self.audience if self.peer is None else (self.peer,):
+            try:
+                self._socket.sendto(payload, address)
+            except OSError:  # too long, no route, a full queue
+                self.counts[Trouble.UNSENT] += 1
+            else:
+                self.sent += 1
 
     def receive(self, until: float) -> tuple[bytes, Address] | None:
         """Return payload and address of the next datagram of the peer, or of anyone while there is

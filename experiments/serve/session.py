@@ -43,6 +43,7 @@ from .link import (
 
 _WAIT_SHARE: Final = 0.8  # of a period, for the command; the rest is the plant's; assumed
 _MOST_DATAGRAMS: Final = 1000  # that are read after their time: a flood does not hold the plant
+_MOST_LISTENERS: Final = 8  # before one of them drives; assumed
 _ECHO_S: Final = 0.1  # in which a repeated command is no request to repeat the samples; assumed
 # A peer that follows a line of its own may be anywhere: limits of supervisor and termination.
 _FREE: Final = SafetyLimits(cross_m=math.inf, distance_m=math.inf, yaw=math.inf, jump_m=math.inf)
@@ -323,9 +324,11 @@ class Session:
             if self._link.counts[Trouble.INVALID] == 1:
                 self._say(one_line(f"refused, from {text_of(address)}: {error}"))
             return
-        if self._link.peer is None:
+        if self._link.peer is None and self._protocol.ready:  # this datagram was the one
             self._link.peer = address
             self._say(f"peer {text_of(address)}")
+        elif self._link.peer is None and len(self._link.audience) < _MOST_LISTENERS:
+            self._link.audience.add(address)
         self._send(received.replies)
         if received.command is not None and self._running:
             self._keep(received.command)

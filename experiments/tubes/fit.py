@@ -13,7 +13,6 @@ from ttempc.mpc.articulated_error import error_dynamics, error_state
 from ttempc.reference.reference import Reference, exact_feedforward
 from ttempc.tube.reference_tube import (
     AncillaryWeights,
-    InputMargin,
     ReferenceTube,
     TubeDesign,
     search_weights,
@@ -348,11 +347,11 @@ def design_weights(
     """
     vehicle, rows = reference.vehicle, list(ticks)
     a, b, c = error_dynamics(reference, PAPER_PERIOD_S, max(rows) + 1)
-    feedforward = exact_feedforward(reference, max(rows) + 1, PAPER_PERIOD_S)
-    margin = InputMargin.of(feedforward[rows], CommandLimits.of(vehicle, PAPER_PERIOD_S))
+    feedforward = exact_feedforward(reference, max(rows) + 1, PAPER_PERIOD_S)[rows]
+    limits = CommandLimits.of(vehicle, PAPER_PERIOD_S)
     reserve = RESERVE * np.array([vehicle.steering_limit_t, vehicle.steering_limit_i, 0.0])
     a, b, c = a[rows, :_N, :_N], b[rows, :_N], c[rows, :, :_N]
-    return search_weights(a, b, c, disturbance, margin, reserve=reserve)
+    return search_weights(a, b, c, disturbance, feedforward, limits, reserve)
 
 
 def _require_enough(

@@ -7,7 +7,9 @@ from typing import Final
 _MOST_CHARACTERS: Final = 4_000_000  # ours have 200,000
 _MOST_LEVELS: Final = 32
 _MOST_PIXELS: Final = 4096  # of a side of a texture or picture
-_MOST_CELLS: Final = 20_000_000  # of a height field
+_MOST_CELLS: Final = 20_000_000  # of all height fields
+_MOST_ALL_PIXELS: Final = 2**24  # of all textures; ours have 2,800,000
+_MOST_ELEMENTS: Final = 2_000  # bodies, geoms, keyframes and all others; ours have 230
 
 # Elements and attributes of the models that this program writes (`vehicle_model.level_model`). None
 # of the attributes names a file, none of the elements includes, replicates or loads anything.
@@ -53,6 +55,24 @@ def check_model(text: str) -> None:
     except ElementTree.ParseError as error:
         raise ValueError(f"is no XML: {error}") from None
     _check_element(root, 1)
+    _check_sums(root)
+
+
+def _check_sums(root: ElementTree.Element) -> None:
+    """Refuse parts that are allowed one by one and together take gigabytes or minutes."""
+    elements = pixels = cells = 0
+    for each in root.iter():
+        sides = 1 if each.get("type") == "2d" else 6  # of a cube or a sky
+        elements += 1
+        pixels += sides * int(each.get("width", 0)) * int(each.get("height", 0))
+        cells += int(each.get("nrow", 0)) * int(each.get("ncol", 0))
+    for what, count, most in (
+        ("elements", elements, _MOST_ELEMENTS),
+        ("pixels of textures", pixels, _MOST_ALL_PIXELS),
+        ("points of height fields", cells, _MOST_CELLS),
+    ):
+        if count > most:
+            raise ValueError(f"has {count} {what}, at most {most}")
 
 
 def _check_element(element: ElementTree.Element, level: int) -> None:
@@ -67,8 +87,5 @@ def _check_element(element: ElementTree.Element, level: int) -> None:
             raise ValueError(f"memory is {value!r}, must be from 1M to 99M")
         if (most := _MOST.get(name)) and not (_COUNT.fullmatch(value) and int(value) <= most):
             raise ValueError(f"{name} of {element.tag} is {value!r}, at most {most}")
-    rows, columns = int(element.get("nrow", 0)), int(element.get("ncol", 0))
-    if rows * columns > _MOST_CELLS:
-        raise ValueError(f"a height field of {rows} x {columns} points, at most {_MOST_CELLS}")
     for below in element:
         _check_element(below, level + 1)

@@ -28,13 +28,14 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from ttempc.jit import cached_njit, record
+from ttempc.layout import FLOAT
 from ttempc.types import FloatArray
 
 Place = Literal["open-sky", "wood", "street"]
 PLACES: Final[tuple[Place, ...]] = get_args(Place)
 
 TABLE: Final = Path(__file__).with_name("receivers.toml")
-FIXED, FLOAT, WRONG = 1, 2, 3  # the first two as RTKLIB says them; a wrong fix says `FIXED`
+FIXED, WRONG = 1.0, 3.0  # beside `FLOAT`, as RTKLIB says them; a wrong fix says `FIXED`
 SHARED_VARIANCE: Final = 0.5  # of the correlated part under an open sky; assumed
 _LONG: Final = 50.0  # u by which a process has forgotten its past
 NORMALS: Final = 24  # of an epoch: processes, white parts, offsets, changes and kinds of solution

@@ -26,7 +26,6 @@ class SimulationSetup:
     plant: Plant
     sensors: SensorSuite
     guidance: VehicleGuidance
-    bounds: FloatArray  # (2, 3) smallest and largest command, for the log
     sink: Sink
     reference: FloatArray  # (n, len(REFERENCE.fields)) one row every `record_steps`
     control_steps: int  # physics steps in a control period
@@ -82,8 +81,7 @@ class TickContext:
     """Data of one control period; a stage reads what earlier stages left and adds its own.
 
     `now` is the plant at the last of the `moments`, which are those since the previous tick, at
-    their physics `steps`. `measurements` and `control` are views, made
-    when someone asks for them.
+    their physics `steps`. `measurements` and `control` are views, made when someone asks for them.
     """
 
     def __init__(self, setup: SimulationSetup) -> None:

@@ -12,8 +12,8 @@ from ttempc.types import FloatArray
 def exact_minimum(qp: QP) -> FloatArray:
     """Return the minimiser (n,), by Hildreth's iteration on the dual for the active set."""
     n = len(qp.gradient)
-    rows = np.vstack([qp.matrix, -qp.matrix, np.eye(n), -np.eye(n)])
-    limits = np.concatenate([qp.upper, -qp.lower, qp.step_upper, -qp.step_lower])
+    rows = np.vstack([qp.matrix, np.eye(n), -qp.matrix, -np.eye(n)])
+    limits = np.concatenate([qp.limits[1], -qp.limits[0]])
     inverse = np.linalg.inv(qp.hessian)
     # Dual: minimise 1/2 m'Dm + e'm over m >= 0, one coordinate after the other.
     dual = rows @ inverse @ rows.T
@@ -36,8 +36,8 @@ def exact_minimum(qp: QP) -> FloatArray:
 
 def residuals(qp: QP, x: FloatArray) -> tuple[float, float]:
     """Return the largest violation of a bound at `x` (n,), and how far it is from stationary."""
-    rows = np.vstack([qp.matrix, -qp.matrix, np.eye(len(x)), -np.eye(len(x))])
-    slack, slope = qp.slack(x), qp.hessian @ x + qp.gradient
+    rows = np.vstack([-qp.matrix, -np.eye(len(x)), qp.matrix, np.eye(len(x))])
+    slack, slope = qp.slack(x).ravel(), qp.hessian @ x + qp.gradient
     active = slack < 1e-7  # -slope must be a sum of active rows with multipliers >= 0
     rest = nnls(rows[active].T, -slope)[1] if active.any() else np.linalg.norm(slope)
     return float(max(0.0, -slack.min())), float(rest)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ttempc.baselines.paper import PaperEquations, linearise
 from ttempc.models.linear import zero_order_hold
-from ttempc.mpc.lmpc import CondensedHorizon, HorizonTuning
+from ttempc.mpc.lmpc import CondensedHorizon, HorizonTuning, plan
 from ttempc.mpc.qp import QP
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -33,10 +33,18 @@ def horizon() -> CondensedHorizon:
     return CondensedHorizon(*stages(), TUNING, PERIOD_S)
 
 
+def qp_of(horizon: CondensedHorizon, k: int, state: FloatArray, previous: FloatArray) -> QP:
+    """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
+    work = horizon.work()
+    work.given[:] = *state, *previous
+    plan(k, horizon.stages, work, -1)
+    return horizon.problem(k, work)
+
+
 def random_qp(generator: np.random.Generator, scale: float) -> tuple[QP, FloatArray, FloatArray]:
     """Return a random QP, its state (7,) and its previous input (3,)."""
     state = scale * generator.normal(size=7)
     bound = np.asarray(TUNING.input_bound)
     previous = bound * generator.uniform(-1.0, 1.0, size=3)
     k = int(generator.integers(horizon().ticks))
-    return horizon().qp(k, state, previous), state, previous
+    return qp_of(horizon(), k, state, previous), state, previous

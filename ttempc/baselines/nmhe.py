@@ -8,12 +8,13 @@ import scipy
 from numpy.typing import NDArray
 
 from ..errors import InvalidTuning
-from ..estimation.ekf import ExtendedKalmanFilter, run_all_kernels
+from ..estimation.ekf import ExtendedKalmanFilter
 from ..estimation.filter import ROW, steps_over
 from ..estimation.noise import ProcessNoise, SensorNoise
 from ..models.augmented_state import (
     ANGLES,
     DISTURBANCE_BOUND,
+    LENGTH,
     SIZE,
     STATES,
     AugmentedState,
@@ -74,7 +75,11 @@ class MovingHorizonEstimator:
 
     def warm_up(self) -> None:
         """Compile every kernel that an update may run; the estimator's state does not change."""
-        run_all_kernels(MovingHorizonEstimator(self._vehicle), self._vehicle)
+        twin, at_rest = MovingHorizonEstimator(self._vehicle), np.zeros(SIZE)
+        values = {s: predicted_measurement(s, at_rest, self._vehicle)[0].tolist() for s in LENGTH}
+        for time_s in (0.0, 0.2, 0.4):
+            readings = [Measurement(time_s, s, tuple(value)) for s, value in values.items()]
+            twin.update(time_s, readings, None)
 
     def update(
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None

@@ -70,15 +70,12 @@ class GaussNewton:
 
     def __init__(
         self,
-        reference: Reference,
+        model: ArticulatedModel,  # or one of its shape
         subsystem: Subsystem,
         tuning: HorizonTuning,
-        period_s: float,
-        iterations: int = ITERATIONS,
-        model: ArticulatedModel | None = None,  # or one of its shape
+        iterations: int,
     ) -> None:
-        self._model = model or ArticulatedModel(reference.vehicle, subsystem, period_s)
-        self._qp = PersistentSolver(tuning.solver)
+        self._model, self._qp = model, PersistentSolver(tuning.solver)
         # `prepare` has a solver of its own: a solve changes the last digits of later results.
         self._preparing_qp = PersistentSolver(tuning.solver)
         self._iterations = iterations
@@ -138,18 +135,9 @@ class GaussNewton:
         cost = condense(
             self._errors, self._jacobian, self._weight, self._step_weight, steps, hessian, gradient
         )
-        bounds, repeats = task.bounds, len(steps) // len(task.previous)
-        shift = np.concatenate([task.previous] * repeats)
-        qp = QP(
-            hessian=hessian,
-            gradient=gradient,
-            matrix=self._sums,
-            lower=bounds.lower - shift,
-            upper=bounds.upper - shift,
-            step_lower=bounds.step_lower,
-            step_upper=bounds.step_upper,
-        )
-        return cost, qp
+        limits = task.bounds.limits
+        limits[:, : len(steps)] -= np.tile(task.previous, len(steps) // len(task.previous))
+        return cost, QP(hessian, gradient, self._sums, limits)
 
 
 _M = len(Input)
@@ -200,23 +188,24 @@ class NonlinearFeedback(FeedbackLaw):
         iterations: int,
     ) -> None:
         self._course, self._tuning, self._exchange = course, tuning, exchange
-        grid, reference, period_s = course.grid, course.reference, course.period_s
+        grid, vehicle, period_s = course.grid, course.vehicle, course.period_s
         self._poses = np.hstack(
             [grid.state[:, :3], grid.trailer_xy, grid.state[:, State.PSI_I, None]]
         )  # (N + 1, 6)
         ticks = len(course.feedforward)
-        middle = reference.at((np.arange(ticks) + 0.5) * period_s)
-        self._map_gains = map_gains(middle, course.vehicle)  # (N, 5, 4)
+        middle = course.reference.at((np.arange(ticks) + 0.5) * period_s)
+        self._map_gains = map_gains(middle, vehicle)  # (N, 5, 4)
         remaining = remaining_bounds(course.feedforward, course.limits)
         bounds = move_bounds(tuning, period_s, ticks, remaining)
         self._parts = [
             _Part(
                 np.array(subsystem.inputs),
                 np.array(subsystem.outputs),
-                GaussNewton(reference, subsystem, tuning, period_s, iterations),
+                GaussNewton(model, subsystem, tuning, iterations),
                 bounds.at(slice(None), _columns(subsystem, tuning.moves)),
             )
             for subsystem in subsystems
+            for model in [ArticulatedModel(vehicle, subsystem, period_s)]
         ]
         self._path = PredictedPath(grid)
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e

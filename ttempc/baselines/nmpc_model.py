@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,7 @@ class Subsystem:
     outputs: tuple[int, ...]  # of the model's outputs: those that it minimises
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
+class Task(NamedTuple):
     """Data of the problem of one tick."""
 
     state: FloatArray  # (7,) the estimate
@@ -37,25 +36,20 @@ class Task:
 
 @cached_njit(error_model="numpy", boundscheck=False)
 def planned_inputs(
-    feedforward: FloatArray,
-    inputs_e: FloatArray,
-    previous: FloatArray,
-    steps: FloatArray,
-    own: NDArray[np.intp],
-    inputs: FloatArray,
+    task: Task, steps: FloatArray, own: NDArray[np.intp], inputs: FloatArray
 ) -> None:
-    """Write u = u_r - u_e of all periods into `inputs` (Np, 3); arguments as in `Task`.
+    """Write u = u_r - u_e of all periods into `inputs` (Np, 3).
 
     The columns `own` (m,) of u_e follow from the `steps` (m Nc,), the others are `inputs_e`.
     """
     m = own.size
-    inputs[:, :] = feedforward - inputs_e
+    inputs[:, :] = task.feedforward - task.inputs_e
     for i in range(m):
-        u_e = previous[i]
+        u_e = task.previous[i]
         for j in range(len(inputs)):
             if j * m < steps.size:
                 u_e += steps[j * m + i]
-            inputs[j, own[i]] = feedforward[j, own[i]] - u_e
+            inputs[j, own[i]] = task.feedforward[j, own[i]] - u_e
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -170,12 +164,7 @@ class ArticulatedModel:
             self._parameters,
             self._period_s,
             self._count,
-            task.state,
-            task.disturbance,
-            task.poses,
-            task.feedforward,
-            task.inputs_e,
-            task.previous,
+            task,
             steps,
             self._own,
             self._outputs,
@@ -189,12 +178,7 @@ def articulated_horizon(
     parameters: FloatArray,
     period_s: float,
     count: int,
-    state: FloatArray,
-    disturbance: FloatArray,
-    poses: FloatArray,
-    feedforward: FloatArray,
-    inputs_e: FloatArray,
-    previous: FloatArray,
+    task: Task,
     steps: FloatArray,
     own: NDArray[np.intp],
     outputs: NDArray[np.intp],
@@ -203,22 +187,22 @@ def articulated_horizon(
 ) -> None:
     """Write the outputs along the horizon and their derivatives, see `ArticulatedModel`.
 
-    `count` Runge-Kutta steps a period; the other arguments are those of `Task` and `Subsystem`.
+    `count` Runge-Kutta steps a period; `own` and `outputs` are those of `Subsystem`.
     """
-    now, by_given = state.copy(), np.empty((_N, _COLUMNS))
+    now, by_given = task.state.copy(), np.empty((_N, _COLUMNS))
     by_state, by_input = np.zeros((_N, _N)), np.empty((_N, _M))
     by_state[State.X, State.X] = by_state[State.Y, State.Y] = 1.0
     before, after = np.zeros((_N, steps.size)), np.zeros((_N, steps.size))
     all_errors, by_end = np.empty(4), np.zeros((4, _N))
     by_end_own = np.empty((outputs.size, _N))
-    inputs = np.empty_like(feedforward)
-    planned_inputs(feedforward, inputs_e, previous, steps, own, inputs)
+    inputs = np.empty_like(task.feedforward)
+    planned_inputs(task, steps, own, inputs)
     for j in range(len(inputs)):
-        advance_period(now, inputs[j], disturbance[j], parameters, period_s, count, by_given)
+        advance_period(now, inputs[j], task.disturbance[j], parameters, period_s, count, by_given)
         by_state[:, _FIRST:] = by_given[:, :_GIVEN]
         by_input[:, :] = by_given[:, _GIVEN:]
         propagate(by_state, by_input, own, j, before, after)
-        position_errors(now, poses[j], parameters, all_errors, by_end)
+        position_errors(now, task.poses[j], parameters, all_errors, by_end)
         for i in range(outputs.size):
             errors[j, i] = all_errors[outputs[i]]
             by_end_own[i, :] = by_end[outputs[i]]
@@ -301,7 +285,7 @@ def _rate(
         1.0 / parameters[VehicleParameter.STEERING_LAG_I],
         parameters[VehicleParameter.STEERING_RATE_I],
     )
-    # As in `articulated_jacobian`.
+    # As in `state_rate_jacobian`.
     along_v, across_v = cos_t - slip_t * sin_t, sin_t + slip_t * cos_t
     yaw_t_v = math.sin(angle) / (cos_a * wheelbase)
     yaw_t_delta = v / (wheelbase * cos_a * cos_a)

@@ -18,16 +18,13 @@ from ..layout import (
 )
 from ..models.augmented_state import (
     LENGTH,
-    SIZE,
     STATES,
     AugmentedState,
     SensorIndex,
-    predicted_measurement,
 )
 from ..types import (
     Command,
     Estimate,
-    Estimator,
     FloatArray,
     Innovation,
     Input,
@@ -36,7 +33,6 @@ from ..types import (
 )
 from ..vehicle import Vehicle
 from .filter import (
-    COMPLETE,
     HELD,
     HISTORY,
     MOMENT,
@@ -110,28 +106,13 @@ class ExtendedKalmanFilter:
         self.parameters = filter_parameters(
             vehicle, sensors, process, gate_probability, memory_s, keeps_all
         )
-        self._keeps_all = keeps_all
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
         self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.empty((32, 4))
 
-    @property
-    def state(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """A copy of all that the filter carries from one update to the next.
-
-        That is `HISTORY`, moments, samples and commands, as in `observe_filter`.
-        """
-        history, moments, samples, commands = self._state
-        return history.copy(), moments.copy(), samples.copy(), commands.copy()
-
-    def restore(self, state: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
-        """Go on from a `state` of a filter of the same parameters."""
-        history, moments, samples, commands = state
-        self._state = history.copy(), moments.copy(), samples.copy(), commands.copy()
-
     def warm_up(self) -> None:
-        """Compile every kernel that an update may run; the filter's state does not change."""
-        run_all_kernels(ExtendedKalmanFilter(self._vehicle), self._vehicle)
+        """Compile or load what an update needs; the filter's state does not change."""
+        ExtendedKalmanFilter(self._vehicle).update(0.0, [], None)
 
     def update(
         self,
@@ -142,8 +123,11 @@ class ExtendedKalmanFilter:
         """Return the estimate at `time_s`, as `Estimator.update`.
 
         The samples may also be rows (n, 5), see `ttempc.layout.SAMPLE`.
+
+        Raises:
+            InvalidSamples: rows of another shape, or of a sensor that does not exist.
         """
-        rows = measurements if isinstance(measurements, np.ndarray) else sample_rows(measurements)
+        rows = sample_rows(measurements)
         held = _NOT_KNOWN if command is None else command.as_array()
         estimate, innovations = self.observe(float(time_s), rows, held)
         return estimate_view(estimate, Innovations(innovations))
@@ -158,7 +142,7 @@ class ExtendedKalmanFilter:
         self.reserve(len(rows))
         estimate, innovations = np.empty(_ESTIMATE_SIZE), np.zeros((len(rows), INNOVATION))
         tick = time_s, command, estimate
-        if observe_filter(self.parameters, *self._state, rows, *tick, innovations) == COMPLETE:
+        if observe_filter(self.parameters, *self._state, rows, *tick, innovations):
             self.start()
             observe_filter(self.parameters, *self._state, rows[:0], *tick, innovations[:0])
         return estimate, innovations
@@ -170,7 +154,7 @@ class ExtendedKalmanFilter:
         """
         history, moments, samples, commands = self._state
         h = history.view(HISTORY)[0]
-        more, ring = rows + 1 if self._keeps_all else 16, len(moments) - 1
+        more, ring = max(16, rows + 1), len(moments) - 1
         if h["moments"] + more > ring:
             order = (h["begin"] + np.arange(ring)) % ring
             larger = np.empty((2 * ring + more + 1, ROW))
@@ -243,22 +227,3 @@ class ExtendedKalmanFilter:
         row = np.empty(ESTIMATE.itemsize // 8)
         write_moment(self.parameters, moment, row)
         return estimate_view(row, innovations)
-
-
-def run_all_kernels(estimator: Estimator, vehicle: Vehicle) -> None:
-    """Update a new `estimator` of `vehicle` with exact readings of a vehicle at rest.
-
-    The updates cover the start, samples of every sensor with and without a command, late samples
-    and no samples: all types of arguments for which numba compiles a kernel.
-    """
-    stop = Command(0.0, 0.0, 0.0)
-
-    def samples(time_s: float) -> list[Measurement]:
-        values = {s: predicted_measurement(s, np.zeros(SIZE), vehicle)[0] for s in LENGTH}
-        return [Measurement(time_s, s, tuple(value.tolist())) for s, value in values.items()]
-
-    estimator.update(0.0, samples(0.0), None)
-    estimator.update(0.2, samples(0.2), None)
-    estimator.update(0.4, samples(0.4), stop)
-    estimator.update(0.6, samples(0.3), stop)
-    estimator.update(0.8, [], stop)

@@ -7,7 +7,7 @@ Of arrays (4, ...) the first entry is a value, the others are its derivatives by
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -15,11 +15,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..errors import InvalidTuning
-from ..jit import cached_njit, local
+from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE, FLOAT
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
-    GYROS,
     INITIAL_SD,
     LENGTH,
     SIZE,
@@ -76,7 +75,6 @@ FILTER: Final = np.dtype(
         ("patience", "f8", _SENSORS),  # for which the gate may reject a sensor [s]
         ("gates", "f8", _SENSORS),  # of the normalised squared innovation
         ("heights", "f8", 2),  # of the antennas above the axle points [m]
-        ("dead_times", "f8", _INPUTS),  # [s]
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
         ("keeps_all", "f8"),  # 1: a moment for each time of a sample
@@ -122,9 +120,6 @@ HELD: Final = 7
 """Entries of a sample in memory: those of `SAMPLE`, whether the filter accepted it, and the row in
 which it came at this update, else -1."""
 
-UNKNOWN, ESTIMATED, COMPLETE = 0, 1, 2
-"""Results of `observe_filter`: not started; estimated; not started with readings of all sensors."""
-
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 
 
@@ -144,7 +139,7 @@ def predict(
     acts before the step, half after it. The lower rows of Phi are diagonal, most entries of its
     seven upper rows are 0.
     """
-    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    f, now = record(parameters, FILTER), record(moment, MOMENT)
     vehicle, fading = parameters[:FADING], parameters[FADING : FADING + 2 * (SIZE - STATES)]
     x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
     transition = local((SIZE, WIDTH))
@@ -286,7 +281,7 @@ def correct(
     `rows` (8, 2, 24) are workspace, and have G' in rows[1] and L (diagonal, entry below, diagonal)
     in rows[7, 1] afterwards.
     """
-    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    f, now = record(parameters, FILTER), record(moment, MOMENT)
     gate = f.gates[sensor]
     reading, jacobian = rows[7, 0], rows[0]
     cross, half = rows[1:5], rows[5]  # H P and its derivatives; W'
@@ -410,7 +405,7 @@ def _weigh(
     parameters: FloatArray, moment: FloatArray, sample: FloatArray, rows: FloatArray
 ) -> tuple[float, float, float, float]:
     """Correct a moment by a sample (7,) of its time; note whether it was accepted in the sample."""
-    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    f, now = record(parameters, FILTER), record(moment, MOMENT)
     time_s, sensor = sample[0], int(sample[1])
     body = sensor - _UNWEIGHED
     first, second, variance = sample[2], sample[3], f.variances[sensor]
@@ -470,15 +465,15 @@ def acting(
     sent, and its inputs, NaN where one is not known. The first was sent before, too. Each input
     acts its own dead time later (`Vehicle.dead_times`).
     """
-    dead_times = parameters.view(FILTER)[0].dead_times
     until_s = math.inf
     for j in range(_INPUTS):
+        dead_time = parameters[VehicleParameter.DEAD_TIME_T + j]
         n = 0
-        while n < count - 1 and commands[n, 0] + dead_times[j] <= time_s + SAME_TIME_S:
+        while n < count - 1 and commands[n, 0] + dead_time <= time_s + SAME_TIME_S:
             n += 1
         command[j] = commands[n, 1 + j]
         if n < count - 1:
-            until_s = min(until_s, commands[n, 0] + dead_times[j])
+            until_s = min(until_s, commands[n, 0] + dead_time)
     return until_s
 
 
@@ -490,7 +485,7 @@ def predict_until(
 
     The commands are as in `acting`. Where one is not known, that steering or the speed is constant.
     """
-    f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
+    f, now = record(parameters, FILTER), record(moment, MOMENT)
     command = local((_INPUTS,))
     while until_s - now.time_s > SAME_TIME_S:
         end_s = acting(parameters, commands, count, now.time_s, command)
@@ -520,7 +515,7 @@ def observe_filter(
     command: FloatArray,
     estimate: FloatArray,
     innovations: FloatArray,
-) -> int:
+) -> bool:
     """Take in the samples `rows` of a tick, and write the estimate at `now_s`.
 
     Args:
@@ -536,8 +531,9 @@ def observe_filter(
         estimate: `ESTIMATE`.
         innovations: rows (n, `INNOVATION`) of the samples, of dimension 0 where there is none.
 
-    The arrays need space for all rows, see `ExtendedKalmanFilter`. Returns `UNKNOWN`, `ESTIMATED`
-    or `COMPLETE`: then the caller may write the first moment, and update to the same time again.
+    The arrays need space for all rows, see `ExtendedKalmanFilter`. Returns whether the filter has
+    not started and has a reading of every sensor: then the caller may write the first moment, and
+    update to the same time again.
 
     A late sample takes the filter back to the last moment before it; all samples from there on are
     processed again in the order of their times. The result depends neither on the order of arrival
@@ -546,7 +542,7 @@ def observe_filter(
     readings, whatever the time in between. It keeps the factors of the noise, and the disturbances,
     faded as if the vehicle had kept its speed, with the variances of a start.
     """
-    f, h = parameters.view(FILTER)[0], history.view(HISTORY)[0]
+    f, h = record(parameters, FILTER), record(history, HISTORY)
     ring, spare = len(moments) - 1, moments[len(moments) - 1]
     entries = moments.shape[1]
     earliest, latest = now_s - f.memory_s - SAME_TIME_S, now_s + SAME_TIME_S
@@ -567,7 +563,7 @@ def observe_filter(
             last = moments[(h.begin + h.moments - 1) % ring]
             for i in range(entries):
                 spare[i] = last[i]
-            kept, span_s = spare.view(MOMENT)[0], abs(now_s - newest_s)
+            kept, span_s = record(spare, MOMENT), abs(now_s - newest_s)
             travel = abs(kept.augmented[0, AugmentedState.RIM]) * span_s
             rates = parameters[FADING : FADING + 2 * (SIZE - STATES)]
             for i in range(SIZE - STATES):
@@ -606,9 +602,6 @@ def observe_filter(
     since_s = math.inf
     for imus in range(1, -1, -1):
         for n in range(len(rows)):
-            if not 0.0 <= rows[n, 1] < _SENSORS:
-                innovations[n, 2] = 0.0
-                continue
             time_s, sensor = rows[n, 0], int(rows[n, 1])
             if (sensor >= _UNWEIGHED) != (imus == 1):
                 continue
@@ -702,8 +695,9 @@ def observe_filter(
                     samples[count, j] = samples[k, j]
                 count += 1
         h.samples = count
-    longest_s = max(f.dead_times[0], f.dead_times[1], f.dead_times[2])
-    count = 0
+    longest_s, count = 0.0, 0
+    for j in range(_INPUTS):
+        longest_s = max(longest_s, parameters[VehicleParameter.DEAD_TIME_T + j])
     for k in range(h.commands):
         if commands[k, 0] >= oldest_s - longest_s:
             for j in range(4):
@@ -711,32 +705,32 @@ def observe_filter(
             count += 1
     h.commands = count
 
-    e = estimate.view(ESTIMATE)[0]
+    e = record(estimate, ESTIMATE)
     if not h.moments:
         for i in range(len(estimate)):
             estimate[i] = math.nan
         e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
-        return COMPLETE if present & 63 == 63 else UNKNOWN
+        return present & 63 == 63
     if now_s - now[0] > SAME_TIME_S:
         for i in range(entries):
             spare[i] = now[i]
         now = spare
         predict_until(parameters, now, commands, h.commands, now_s)
     write_moment(parameters, now, estimate)
-    e.time_s, e.nis, e.nis_dof, e.position_seen = now_s, 0.0, 0.0, 0.0
+    e.time_s = now_s
     for n in range(len(innovations)):
         if innovations[n, 2] > 0.0 and innovations[n, 1] < math.inf:
             e.nis += innovations[n, 1]
             e.nis_dof += innovations[n, 2]
             if innovations[n, 0] < 2.0:
                 e.position_seen = max(e.position_seen, innovations[n, 3])
-    return ESTIMATED
+    return False
 
 
 @cached_njit(error_model="numpy")
 def write_moment(parameters: FloatArray, moment: FloatArray, estimate: FloatArray) -> None:
     """Write what an `ESTIMATE` has from a `MOMENT`; nothing came in at it."""
-    f, now, e = parameters.view(FILTER)[0], moment.view(MOMENT)[0], estimate.view(ESTIMATE)[0]
+    f, now, e = record(parameters, FILTER), record(moment, MOMENT), record(estimate, ESTIMATE)
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
     write_estimate(x, now.covariances[0], parameters[:FADING], estimate)
     for i in range(STATES):
@@ -839,7 +833,7 @@ def filter_parameters(
         raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")
     if not 0.0 < gate_probability < 1.0:
         raise InvalidTuning(f"gate_probability: got {gate_probability}, must be in (0, 1)")
-    lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
+    lengths = {sensor: LENGTH.get(sensor, 1) for sensor in Sensor}  # of a gyro, its yaw rate
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
     f["vehicle"] = vehicle_parameters(vehicle, not sensors.angle_offset)
@@ -852,35 +846,14 @@ def filter_parameters(
         f["patience"][: SensorIndex.GNSS_TRAILER + 1] = _LONGER_S
     f["gates"] = [float(chdtri(m, gate_probability)) for m in lengths.values()]
     f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
-    f["dead_times"], f["memory_s"] = vehicle.dead_times, memory_s
+    f["memory_s"] = memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
     f["unfollowed"][State.DELTA_T] = sensors.angle_offset**2  # `STEERING` takes it up
     if sensors.angle_offset:
         f["unfollowed"][State.DELTA_I] = process.joint**2
-    f["fast_speed"] = process.fast_speed_variance(1.0, np.ones(SCALES))
+    # The slip behind `slip_forward` is white in the model, and correlated over `bump_m` in truth.
+    # Of variance s^2 and autocorrelation exp(-|x| / l) it has the density 2 l s^2 (Gelb 1974, 3.6).
+    f["fast_speed"] = process.slip_forward**2 / (2.0 * process.bump_m)
     f["keeps_all"] = keeps_all
     f["side_per_slope"] = process.side_per_slope
     return flat
-
-
-HeldCommands = list[tuple[float, FloatArray | None]]
-"""End time [s] and value (3,) of each of the commands held one after the other; the first one was
-held before, too. NaN where an input's command is not known; None where none is."""
-
-
-def after_dead_times(
-    sent: Sequence[tuple[float, FloatArray | None]], vehicle: Vehicle
-) -> HeldCommands:
-    """Return what acts on `vehicle` until the end of the newest of the commands `sent`."""
-    dead_times = vehicle.dead_times
-    if not sent or not dead_times.any():
-        return list(sent)
-    ends_s = np.array([end_s for end_s, _ in sent])
-    unknown = np.full(len(Input), np.nan)
-    values = np.array([unknown if command is None else command for _, command in sent])
-    changes_s = np.unique(np.append(ends_s[:, None] + dead_times, ends_s[-1]))
-    changes_s = changes_s[changes_s <= ends_s[-1]]
-    # What acts just before a change was sent a dead time earlier.
-    index = np.searchsorted(ends_s, changes_s[:, None] - dead_times - SAME_TIME_S)
-    acting = values[index, range(len(Input))]
-    return list(zip(changes_s.tolist(), acting, strict=True))

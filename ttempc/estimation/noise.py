@@ -9,21 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from ..errors import InvalidTuning, UnknownSensor
+from ..errors import InvalidTuning, UnknownSensor, check_positive
 from ..models.augmented_state import SIZE, STATES, AugmentedState
 from ..types import FloatArray, Sensor
 from ..vehicle import Vehicle
-
-
-def _require_positive(owner: SensorNoise | ProcessNoise) -> None:
-    for item in fields(owner):
-        value = getattr(owner, item.name)
-        zero = item.default == 0.0 or item.name in ("antenna_height_t", "yaw_rate")
-        if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
-            allowed = "0 or above" if zero else "above 0"
-            raise InvalidTuning(
-                f"{type(owner).__name__}.{item.name}: got {value}, must be finite and {allowed}"
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +48,9 @@ class SensorNoise:
     yaw_rate_walk: float = 1e-5  # random walk of this bias [(rad/s)/sqrt(s)]; assumed
 
     def __post_init__(self) -> None:
-        _require_positive(self)
+        for item in fields(self):
+            zero = item.default == 0.0 or item.name in ("antenna_height_t", "yaw_rate")
+            check_positive(f"SensorNoise.{item.name}", getattr(self, item.name), zero=zero)
         if self.gnss_white_share > 1.0:
             raise InvalidTuning(
                 f"SensorNoise.gnss_white_share: got {self.gnss_white_share}, must be at most 1"
@@ -188,7 +179,9 @@ class ProcessNoise:
     scale_walk: float = 0.05
 
     def __post_init__(self) -> None:
-        _require_positive(self)
+        for item in fields(self):
+            zero = item.default == 0.0
+            check_positive(f"ProcessNoise.{item.name}", getattr(self, item.name), zero=zero)
 
     @classmethod
     def of(cls, vehicle: Vehicle) -> ProcessNoise:
@@ -274,12 +267,3 @@ class ProcessNoise:
             vehicle.trailer_length + vehicle.trailer_turning_offset + drawbar
         )
         return acts_on @ density @ acts_on.T
-
-    def fast_speed_variance(self, rim: float, scales: FloatArray) -> float:
-        """Return the variance of the vehicle's speed that no state follows [(m/s)^2].
-
-        The wheel slip behind `slip_forward` is white in the model and correlated over `bump_m` in
-        truth. A process of variance s^2 with the autocorrelation exp(-|x| / l) has the density
-        2 l s^2 at low frequency (Gelb 1974, sec. 3.6).
-        """
-        return float(scales[NoiseScale.GROUND]) * (self.slip_forward * rim) ** 2 / (2 * self.bump_m)

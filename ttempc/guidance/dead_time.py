@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -68,6 +68,17 @@ def resume(controller: Guided, previous: Guided, sent: Sequence[Command]) -> Non
         controller.resume(previous)
 
 
+class Lead(NamedTuple):
+    """Time by which a command is computed ahead, and by how much longer its inputs take."""
+
+    parameters: FloatArray  # of the vehicle, see `VehicleParameter`
+    ahead_s: float  # see `lead_s`
+    period_s: float
+    whole: int  # periods of the lead
+    part_s: float  # the rest of it
+    late: FloatArray  # (3, 2) whole periods and rest [s]
+
+
 class DeadTimeCompensation:
     """What lets a controller for a vehicle without dead times drive one that has them.
 
@@ -83,23 +94,19 @@ class DeadTimeCompensation:
     """
 
     def __init__(self, controller: Controller, reference: Reference, period_s: float) -> None:
-        vehicle = reference.vehicle
-        self.controller, self._vehicle, self._period_s = controller, vehicle, period_s
-        self._parameters = vehicle_parameters(vehicle)
-        dead_times = vehicle.dead_times
-        self._lead_s = lead_s(vehicle)
-        self._whole, self._part_s = _split(self._lead_s, period_s)
-        early = self._lead_s - dead_times
-        # (3, 2) whole periods and rest [s] by which an input is sent later
-        self.hold_back: FloatArray = np.array(
-            [_split(time_s, period_s) for time_s in np.maximum(early, 0.0).tolist()]
+        vehicle, ahead_s = reference.vehicle, lead_s(reference.vehicle)
+        self.controller = controller
+        early = ahead_s - vehicle.dead_times
+        # (3, 2) whole periods and rest [s] by which an input is sent later, and acts later
+        self.hold_back, late = (
+            np.array([_split(time_s, period_s) for time_s in np.maximum(spans, 0.0).tolist()])
+            for spans in (early, -early)
         )
-        self._late = np.array(
-            [_split(time_s, period_s) for time_s in np.maximum(-early, 0.0).tolist()], dtype=float
-        )
+        whole, part_s = _split(ahead_s, period_s)
+        self._lead = Lead(vehicle_parameters(vehicle), ahead_s, period_s, whole, part_s, late)
         start = CommandLimits.of(vehicle, period_s).clamp(reference.at(0.0).inputs)
         # Commands as they act together, the newest first; before the start those of the reference.
-        count = self._whole + 3 + int(self._late[:, 0].max())
+        count = whole + 3 + int(late[:, 0].max())
         self.commands: FloatArray = np.tile(start, (count, 1))
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
 
@@ -112,36 +119,18 @@ class DeadTimeCompensation:
     def predicted(self, row: FloatArray) -> FloatArray:
         """Return the record `ESTIMATE` for the time at which a command of now acts."""
         result = row.copy()
-        predict_to(
-            self._lead_s,
-            self._period_s,
-            self._part_s,
-            self._whole,
-            self._late,
-            self.commands,
-            self._parameters,
-            result,
-        )
+        predict_to(self._lead, self.commands, result)
         return result
 
 
 @cached_njit(error_model="numpy", nogil=True)
-def predict_to(
-    lead_s: float,
-    period_s: float,
-    part_s: float,
-    whole: int,
-    late: FloatArray,
-    commands: FloatArray,
-    parameters: FloatArray,
-    estimate: FloatArray,
-) -> None:
-    """Advance the record `ESTIMATE` by `lead_s`, but for its covariance.
+def predict_to(lead: Lead, commands: FloatArray, estimate: FloatArray) -> None:
+    """Advance the record `ESTIMATE` by a lead, but for its covariance.
 
-    The lead is `whole` periods and `part_s`. Inputs act `late` by whole periods and a rest [s],
-    (3, 2); `commands` (count, 3) are the newest first, `parameters` (12,) those of the model.
+    `commands` (count, 3) are the newest first.
     """
-    e = record(estimate, ESTIMATE)
+    e, parameters = record(estimate, ESTIMATE), lead.parameters
+    period_s, part_s = lead.period_s, lead.part_s
     x, covariance, kept = np.zeros(SIZE), np.zeros((SIZE, SIZE)), e.covariance.copy()
     for i in range(STATES):
         x[i] = e.state[i]
@@ -166,19 +155,19 @@ def predict_to(
     valves, acting = np.empty(2), np.empty(3)
     lasting, faded = np.zeros(2 * (SIZE - STATES)), np.empty(SIZE - STATES)
     middle, inputs = np.empty(SIZE), np.empty(3)
-    for n in range(whole + 1, -1, -1):
-        span_s = part_s if n == whole else period_s
+    for n in range(lead.whole + 1, -1, -1):
+        span_s = part_s if n == lead.whole else period_s
         for j in range(3):
-            at, share = n + int(late[j, 0]), late[j, 1] / period_s
+            at, share = n + int(lead.late[j, 0]), lead.late[j, 1] / period_s
             acting[j] = commands[at, j] + share * (commands[at + 1, j] - commands[at, j])
         # A valve reaches its command within the period: commands keep to the same rate limit.
         for j in range(2):
             reach = parameters[VehicleParameter.STEERING_RATE_T + j] * (period_s - part_s)
-            if n == whole + 1:
+            if n == lead.whole + 1:
                 valves[j] = acting[j]
-            elif n == whole:
+            elif n == lead.whole:
                 valves[j] = min(max(acting[j], valves[j] - reach), valves[j] + reach)
-        if n == whole + 1 or span_s <= SAME_TIME_S:
+        if n == lead.whole + 1 or span_s <= SAME_TIME_S:
             continue
         steps = steps_over(span_s)
         for _ in range(steps):
@@ -186,7 +175,7 @@ def predict_to(
                 x, valves, acting, parameters, lasting, span_s / steps, middle, inputs, faded
             )
     write_estimate(x, covariance, parameters, estimate)
-    e.time_s += lead_s
+    e.time_s += lead.ahead_s
     for i in range(STATES):
         for j in range(STATES):
             e.covariance[i, j] = kept[i, j]

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..jit import cached_njit, record
 from ..layout import ALARM, ESTIMATE, FLOAT, INNOVATION, SAMPLE, measurements_of
-from ..models.augmented_state import SensorIndex
+from ..models.augmented_state import SensorIndex, VehicleParameter, vehicle_parameters
 from ..types import Command, Estimate, FloatArray, Measurement, Sensor, WarmingUp
 from ..vehicle import MAX_DEAD_TIME_S, Vehicle
 
@@ -115,9 +115,9 @@ _MOST_LEARNT: Final = 2000.0
 
 _SETTLED_S: Final = 8.0  # from the start on, in which the filter settles
 _HITCH_MEAN: Final = 7.0  # mean of the hitch's whitened innovations in a second, standard normal
-_HITCH_SLIP: Final = 0.045  # [rad] side slip of tractor less that of the trailer, without slopes
+_HITCH_SLIP: Final = 0.032  # [rad] side slip of tractor less that of the trailer, without slopes
 # From dead reckoning: on ground without bumps, and at a learnt factor of roughness of 1
-_POSITION_M: Final = 0.2, 0.1
+_POSITION_M: Final = 0.25, 0.12
 _POSITION_S: Final = 10.0  # memory of dead reckoning
 # Of the speed: common to both slips, side slip alone. On tuning seeds, fields without a fault reach
 # 0.9 of the first limit (kayacan2016) and of the second.
@@ -160,7 +160,7 @@ _REFUTED_S: Final = 60.0  # for which an interval is out once its sum has passed
 _TICKS: Final = 3  # in which a valve that stands has not moved; assumed
 _STEP_S: Final = 0.02  # of the model's integration: an eighth of the paper's shortest lag
 _KEPT_S: Final = 1.0  # of the response, for samples that come late
-_LONGEST_S: Final = 10.0  # that is integrated in such steps; what lies before, in a single one
+_MOST_STEPS: Final = 500  # of them in a tick: a gap of more than 10 s has longer ones
 _CHANGES: Final = 24  # of samples, of which the noise is estimated: a second of the paper's sensors
 _QUIET: Final = math.radians(1.0) / math.sqrt(5.0)  # sd of a mean of five of the paper's samples
 # The root mean square of the residuals, that of play and overlap of a valve, is one over a time; at
@@ -177,6 +177,7 @@ MONITORS: Final = np.dtype(
         ("limit", "f8", _COUNT),
         ("statistic", "f8", _COUNT),
         ("residual", "f8", _COUNT),  # latest value of what the statistic is made from, or NaN
+        ("alarms", "f8", (_COUNT, ALARM)),  # that stand
         ("present", "f8", (_COUNT, ALARM)),  # the alarm that each would give
         ("unused", "f8", len(SensorIndex)),  # 1: an alarm rules the sensor out for the next tick
         # Latest reading: time, repetitions since the last new one, value; all readings in good
@@ -224,31 +225,13 @@ MONITORS: Final = np.dtype(
     ]
 )
 """What the built-in detectors remember, a flat array of `MONITORS.itemsize // 8` entries."""
-MODEL: Final = np.dtype(
-    [
-        ("dead_time", "f8", 3),
-        ("lag", "f8", 2),
-        ("rate", "f8", 2),
-        ("speed_gain", "f8"),
-        ("speed_time_constant", "f8"),
-        ("sign", "f8"),  # -1 in reverse
-    ]
-)
-"""Model parameters that the built-in detectors use, a flat array as `Vehicle` has them."""
-
-
-def monitor_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle as `MODEL` has them, flat."""
-    v, sign = vehicle, -1.0 if vehicle.reverse else 1.0
-    steering = v.steering_lag_t, v.steering_lag_i, v.steering_rate_t, v.steering_rate_i
-    return np.array([*v.dead_times, *steering, v.speed_gain, v.speed_time_constant, sign])
 
 
 def new_monitors() -> FloatArray:
     """Return the record of the built-in detectors before their first tick, flat."""
     flat = np.zeros(MONITORS.itemsize // 8)
     s = flat.view(MONITORS)[0]
-    s["limit"], s["present"][:, 0] = _LIMITS, _REACTIONS
+    s["limit"], s["present"][:, 0], s["alarms"][:, 0] = _LIMITS, _REACTIONS, -1.0
     s["reading"][:, 0] = s["steered_s"] = -math.inf
     s["residual"][DetectorIndex.STEERING :] = s["least"][..., 1] = math.nan
     s["valve"] = s["angle"] = s["sample"] = s["reading"][:, 2:5] = math.nan
@@ -355,17 +338,26 @@ def _observe_estimate(
     now: float,
     estimate: FloatArray,
     innovations: FloatArray,
-    alarms: FloatArray,
 ) -> None:
     """Compare the estimate with what a vehicle can do: hitch angle, position."""
     s, e = record(monitors, MONITORS), record(estimate, ESTIMATE)
-    statistic, residuals, x = s.statistic, s.residual, e.state
-    total, entries = 0.0, 0.0
+    statistic, residuals, alarms, x = s.statistic, s.residual, s.alarms, e.state
+    # Where a receiver or a steering angle contradicts the estimate, the hitch need not be wrong.
+    total, entries, known = 0.0, 0.0, True
+    for index in range(DetectorIndex.STEERING, DetectorIndex.MOTION):
+        known = known and alarms[index, 0] < 0.0
+    for index in range(DetectorIndex.INNOVATIONS, DetectorIndex.INNOVATIONS + 2):
+        known = known and alarms[index, 0] < 0.0
     for row in range(len(innovations)):
-        if int(innovations[row, 0]) == SensorIndex.HITCH and math.isfinite(innovations[row, 4]):
+        sensor = int(innovations[row, 0])
+        if sensor == SensorIndex.HITCH and math.isfinite(innovations[row, 4]):
             total += innovations[row, 4]
             entries += 1.0
+        elif SensorIndex.STEERING_TRACTOR <= sensor < SensorIndex.HITCH:
+            known = known and (innovations[row, 2] == 0.0 or innovations[row, 3] > 0.0)
     kept = s.whitened[0]
+    if not known:
+        kept[0, 0], entries = 0.0, 0.0
     count = _remember(kept, now - _SPAN_S + 1e-6, now if entries else math.nan, total, entries)
     total, entries = 0.0, 0.0
     for row in range(1, 1 + count):
@@ -377,11 +369,7 @@ def _observe_estimate(
     slip -= gy * (math.cos(x[2]) - math.cos(x[3])) - gx * (math.sin(x[2]) - math.sin(x[3]))
     if now >= _SETTLED_S and slip == slip:
         ratio = abs(slip) / _HITCH_SLIP
-        known = (
-            alarms[DetectorIndex.INNOVATIONS, 0] < 0.0
-            and alarms[DetectorIndex.INNOVATIONS + 1, 0] < 0.0
-        )
-        if entries and known:
+        if entries:
             ratio = max(ratio, abs(total) / math.sqrt(entries) / _HITCH_MEAN)
         statistic[DetectorIndex.HITCH] = ratio
         residuals[DetectorIndex.HITCH] = ratio
@@ -449,10 +437,8 @@ def _observe_speeds(
     rows: FloatArray,
     now: float,
     command: FloatArray,
-    innovations: FloatArray,
-    alarms: FloatArray,
 ) -> None:
-    p, s = record(parameters, MODEL), record(monitors, MONITORS)
+    s = record(monitors, MONITORS)
     limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
     sent, differences, work = command[0] == command[0], s.differences, s.workspace
 
@@ -481,7 +467,7 @@ def _observe_speeds(
         if SensorIndex.STEERING_TRACTOR <= sensor <= SensorIndex.HITCH:
             repeated = max(repeated, limit[sensor] * s.quiet[sensor - 2])
         statistic[sensor] = residuals[sensor] = repeated
-        lasts = alarms[sensor, 0] >= 0.0 and repeated >= _ENDS * limit[sensor]
+        lasts = s.alarms[sensor, 0] >= 0.0 and repeated >= _ENDS * limit[sensor]
         unused[sensor] = 1.0 if lasts or repeated > limit[sensor] else 0.0
 
     new = False
@@ -490,7 +476,8 @@ def _observe_speeds(
         if unused[sensor] > 0.0 or not math.isfinite(time_s + x + y):
             continue
         if sensor == SensorIndex.ENCODER:
-            _remember(s.encoder[0], -math.inf, time_s, p.sign * x, 0.0)
+            forward = -x if parameters[VehicleParameter.REVERSE] else x
+            _remember(s.encoder[0], -math.inf, time_s, forward, 0.0)
         if sensor > SensorIndex.GNSS_TRAILER:
             continue
         kept = s.positions[sensor]
@@ -515,10 +502,12 @@ def _observe_speeds(
     count = int(plan[0, 0])
     before = plan[count, 0] if count else -math.inf
     if sent and before < now:
-        _remember(s.sent[0], now - p.dead_time[2] - 1e-9, now, command[2], 0.0)
-        target = p.speed_gain * abs(s.sent[0, 1, 1])
+        oldest = now - parameters[VehicleParameter.DEAD_TIME_HP] - 1e-9
+        _remember(s.sent[0], oldest, now, command[2], 0.0)
+        tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+        target = parameters[VehicleParameter.SPEED_GAIN] * abs(s.sent[0, 1, 1])
         speed = plan[count, 1] if count and plan[count, 1] == plan[count, 1] else target
-        speed += (1.0 - math.exp((before - now) / p.speed_time_constant)) * (target - speed)
+        speed += (1.0 - math.exp((before - now) / tau)) * (target - speed)
         _remember(plan, now - _HISTORY_S - _SPAN_S, now, speed, 0.0)
 
     begin_s, end_s, ground, inverse, spans = math.inf, -math.inf, 0.0, 0.0, 0
@@ -585,31 +574,27 @@ def _observe_steering(
     now: float,
     command: FloatArray,
     innovations: FloatArray,
-    alarms: FloatArray,
 ) -> None:
-    p, s = record(parameters, MODEL), record(monitors, MONITORS)
+    s = record(monitors, MONITORS)
     limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
+    alarms = s.alarms
     sent = command[0] == command[0]
     axes = 2 if now > s.steered_s else 0
     s.steered_s = max(now, s.steered_s)
     for axis in range(axes):
-        response, dead_time = s.response[axis], p.dead_time[axis]
+        response, dead_time = s.response[axis], parameters[VehicleParameter.DEAD_TIME_T + axis]
         valve, angle, scale = s.valve[axis], s.angle[axis], s.scale[axis]
         count = int(response[0, 0])
         if sent and count:
             at, oldest = response[count, 0], now - dead_time - _UNKNOWN_S - _KEPT_S
-            skipped = max(0.0, now - at - _LONGEST_S)
-            for part in range(0 if skipped > 0.0 else 1, 2):
-                steps, step = 1, skipped
-                if part:
-                    steps = max(1, math.ceil((now - at) / _STEP_S - 1e-9))
-                    step = (now - at) / steps
-                share, reach = 1.0 - math.exp(-step / p.lag[axis]), p.rate[axis] * step
-                for n in range(steps):
-                    valve = min(max(command[axis], valve - reach), valve + reach)
-                    angle += share * (valve - angle)
-                    count = _remember(response, oldest, at + (n + 1) * step, angle, 0.0)
-                at += skipped
+            steps = min(max(1, math.ceil((now - at) / _STEP_S - 1e-9)), _MOST_STEPS)
+            step = (now - at) / steps
+            share = 1.0 - math.exp(-step / parameters[VehicleParameter.STEERING_LAG_T + axis])
+            reach = parameters[VehicleParameter.STEERING_RATE_T + axis] * step
+            for n in range(steps):
+                valve = min(max(command[axis], valve - reach), valve + reach)
+                angle += share * (valve - angle)
+                count = _remember(response, oldest, at + (n + 1) * step, angle, 0.0)
             s.valve[axis], s.angle[axis] = valve, angle
 
         mean, number, earliest, latest = 0.0, 0, math.inf, -math.inf
@@ -743,7 +728,6 @@ def observe_monitors(
     command: FloatArray,
     estimate: FloatArray,
     innovations: FloatArray,
-    alarms: FloatArray,
 ) -> None:
     """Advance all built-in detectors by a tick, in place.
 
@@ -788,9 +772,10 @@ def observe_monitors(
         ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)).
 
     Hitch: the larger of two ratios to their limits. The sum of the whitened innovations of a second
-    over the root of their number is standard normal; it does not count while GNSS contradicts the
-    estimate. The side slip that turns with the tractor, less that of the trailer, is near 0 on any
-    slope, but not with a wrong hitch angle. The sensor is not used again before `resume`.
+    over the root of their number is standard normal; it does not count while GNSS or a steering
+    angle contradicts the estimate. The side slip that turns with the tractor, less that of the
+    trailer, is near 0 on any slope, but not with a wrong hitch angle. The sensor is not used again
+    before `resume`.
 
     Position: the length of the sum of what the estimate moves beside dead reckoning by speed, yaw
     and side slip, with a memory of 10 s and, once it is an alarm, of any length, so that a jump is
@@ -805,19 +790,17 @@ def observe_monitors(
     the statistic is 0, as it is with a tool in the soil.
 
     Args:
-        parameters: flat record `MODEL`.
+        parameters: of the vehicle, see `VehicleParameter`.
         monitors: flat record `MONITORS`; changes.
         rows: samples (n, `SAMPLE`) that arrived since the tick before, in the order of arrival.
         now: time of the tick [s].
         command: of the period before (3,), NaN where there was none.
         estimate: record `ESTIMATE` of this tick.
         innovations: of the samples of this tick (n, `INNOVATION`).
-        alarms: rows of `ALARM` entries by `DetectorIndex` (19, 4); change.
     """
-    tick = parameters, monitors, rows, now, command, innovations, alarms
-    _observe_speeds(*tick)
-    _observe_estimate(monitors, now, estimate, innovations, alarms)
-    _observe_steering(*tick)
+    _observe_speeds(parameters, monitors, rows, now, command)
+    _observe_estimate(monitors, now, estimate, innovations)
+    _observe_steering(parameters, monitors, rows, now, command, innovations)
 
 
 _ANGLES: Final = "front steering angle", "trailer steering angle"
@@ -859,7 +842,6 @@ _NAMES, _LIMITS, _REACTIONS, _REASONS = zip(*_TABLE, strict=True)
 
 
 _SENSORS: Final = tuple(Sensor)  # in the order of `SensorIndex`
-_NOTHING: Final = np.array([-1.0, 0.0, 0.0, 0.0])  # the `ALARM` entries of no alarm
 _SUMS: Final = (math.nan,) * 6 + (_ALLOWANCE,) * 4 + (_MOTION[1], _WHEELS[1]) + (math.nan,) * 7
 
 
@@ -873,17 +855,14 @@ class Monitors:
     def __init__(self, own: Sequence[Detector] = (), *, built_in: bool = True) -> None:
         self._own, self._count = tuple(own), _COUNT if built_in else 0
         self.record = new_monitors()  # `MONITORS`
-        self._rows = np.tile(_NOTHING, (self._count + len(own), 1))  # of `ALARM` entries
+        self._own_alarms = np.tile([-1.0, 0.0, 0.0, 0.0], (len(own), 1))
         self._told: dict[int, Alarm] = {}  # those of a user's detectors, by row
-        self._vehicle: Vehicle | None = None
-        self._parameters = np.empty(0)  # `MODEL` of that vehicle
 
     def warm_up(self) -> None:
         """Compile or load what `observe` needs; changes no later result."""
         estimate, innovations = np.zeros(ESTIMATE.itemsize // 8), np.empty((0, INNOVATION))
         tick = np.empty((0, SAMPLE)), 0.0, np.full(3, math.nan), estimate, innovations
-        alarms = np.tile(_NOTHING, (_COUNT, 1))
-        observe_monitors(monitor_parameters(Vehicle()), self.record.copy(), *tick, alarms)
+        observe_monitors(vehicle_parameters(Vehicle()), self.record.copy(), *tick)
         for detector in self._own:
             if isinstance(detector, WarmingUp):
                 detector.warm_up()
@@ -910,33 +889,38 @@ class Monitors:
             view: makes the estimate, for detectors of a user.
         """
         if self._count:
-            if vehicle is not self._vehicle:
-                self._vehicle, self._parameters = vehicle, monitor_parameters(vehicle)
-                # A tool in the soil has a side slip of its own.
-                limit = math.inf if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
-                self.record.view(MONITORS)["limit"][0, DetectorIndex.DRIFT] = limit
-            tick = rows, now, sent, estimate, innovations, self._rows
-            observe_monitors(self._parameters, self.record, *tick)
+            # A tool in the soil has a side slip of its own.
+            limit = math.inf if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
+            self.record.view(MONITORS)["limit"][0, DetectorIndex.DRIFT] = limit
+            tick = rows, now, sent, estimate, innovations
+            observe_monitors(vehicle_parameters(vehicle), self.record, *tick)
         if self._own:
             command = None if math.isnan(sent[0]) else Command(*sent.tolist())
-            used = self.record.view(MONITORS)["unused"][0, rows[:, 1].astype(int)] == 0.0
-            seen = Observation(now, measurements_of(rows[used]), command, view(), vehicle)
-            for index, detector in enumerate(self._own, self._count):
+            ruled_out = np.flatnonzero(self.record.view(MONITORS)[0]["unused"])
+            samples = measurements_of(rows[~np.isin(rows[:, 1], ruled_out)])
+            seen = Observation(now, samples, command, view(), vehicle)
+            for index, detector in enumerate(self._own):
                 detector.observe(seen)
-                row = self._rows[index]
+                row = self._own_alarms[index]
                 if detector.statistic > detector.limit and row[0] < 0.0:
                     alarm = self._told[index] = detector.alarm()
                     row[0] = alarm.reaction
                 elif detector.statistic < _ENDS * detector.limit:
                     row[0] = -1.0
-        return self._rows
+        return self.rows
+
+    @property
+    def rows(self) -> FloatArray:
+        """Alarms that stand, rows of `ALARM` entries by detector."""
+        built_in = self.record.view(MONITORS)[0]["alarms"][: self._count]
+        return np.concatenate([built_in, self._own_alarms]) if self._own else built_in
 
     def resume(self, map_disturbance: FloatArray) -> None:
         """Take an estimate with these `MapDisturbance` (4,) for true and every sensor for sound."""
         s = self.record.view(MONITORS)[0]
         s["pose"], s["offset"], s["whitened"], s["drift"] = math.nan, 0.0, 0.0, 0.0
         s["accepted"] = map_disturbance
-        self._rows[DetectorIndex.HITCH : self._count] = _NOTHING
+        s["alarms"][DetectorIndex.HITCH :] = -1.0, 0.0, 0.0, 0.0
 
     @property
     def detectors(self) -> tuple[Detector, ...]:
@@ -949,7 +933,7 @@ class Monitors:
     @property
     def alarms(self) -> tuple[Alarm, ...]:
         """The alarms that stand, by detector."""
-        return tuple(self._alarm(i, r) for i, r in enumerate(self._rows.tolist()) if r[0] >= 0.0)
+        return tuple(self._alarm(i, r) for i, r in enumerate(self.rows.tolist()) if r[0] >= 0.0)
 
     def reason(self, index: int, numbers: FloatArray) -> str:
         """Return the words of an alarm of `observe` from its row and its three numbers."""
@@ -957,14 +941,14 @@ class Monitors:
 
     def usable(self, rows: FloatArray) -> FloatArray:
         """Return the samples without those of sensors that an alarm rules out."""
-        if not (self._rows[:, 0] >= 0.0).any():
+        if not (self.rows[:, 0] >= 0.0).any():
             return rows
         unused = [_SENSORS.index(s) for alarm in self.alarms for s in alarm.unused]
         return rows[~np.isin(rows[:, 1], unused)] if unused else rows
 
     def _alarm(self, index: int, row: Sequence[float]) -> Alarm:
         if index >= self._count:
-            return self._told[index]
+            return self._told[index - self._count]
         reaction, *numbers = row
         reason, unused = _REASONS[index].format(*numbers), frozenset[Sensor]()
         if index < DetectorIndex.STEERING:

@@ -189,7 +189,7 @@ class Guidance:
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
             your own.
         detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
-            your own beside them.
+            your own, which run beside the built-in ones and do not replace them.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -367,11 +367,16 @@ class Guidance:
                 rows (n, 5) of `ttempc.layout.SAMPLE` entries.
 
         Raises:
-            InvalidTime: `time_s` is not finite or before that of the last update.
+            InvalidTime: `time_s` is no finite number or before that of the last update.
+            InvalidSamples: rows of another shape, a sensor that does not exist, what is no number.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
-        rows = measurements if isinstance(measurements, np.ndarray) else sample_rows(measurements)
-        if not math.isfinite(time_s):
+        rows = sample_rows(measurements)
+        try:
+            finite = math.isfinite(time_s)
+        except (OverflowError, TypeError) as error:
+            raise InvalidTime(f"update: time_s: {error}, must be a finite number") from None
+        if not finite:
             raise InvalidTime(f"update: time_s = {time_s}, must be finite")
         if self._origin_s is None:
             self._origin_s = time_s

@@ -78,8 +78,8 @@ GUARD: Final = np.dtype(
 class SafetyLimits:
     """Limits at which a supervisor slows down and stops; all assumed.
 
-    Without GNSS the filter `ekf` drifts by some decimetres in the time to `unseen_stop_s`: after
-    10 s by 17 cm in the median and 40 cm at most, in the project's own simulated outages.
+    How far the vehicle leaves its path in an outage of GNSS is in the rows "GNSS out" of the table
+    of docs/appendix/faults.md.
 
     Raises:
         InvalidTuning: a value is not above 0.
@@ -477,7 +477,8 @@ class Supervisor:
       then stop. Both end as soon as the position is known again. An estimator that reports no
       innovation of GNSS is judged by its time stamps and its covariance alone.
     - An alarm of a detector (`ttempc.guidance.detection`): reported, half speed, or a stop until
-      its cause has ended, in which the controller steers unless the steering is the cause.
+      its cause has ended, in which the controller steers unless the steering is the cause. After a
+      jump or a drift of the position that lasts, only `resume` ends it.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
       hold there.
     - A controller whose predicted path leaves the corridor: half speed until it does not, or until
@@ -643,7 +644,7 @@ class Supervisor:
     @property
     def stopping(self) -> bool:
         """Whether the last step stops the vehicle, or holds it at rest."""
-        return bool(self.tick[_STOPPING])
+        return bool(self.tick.view(TICK)[0]["stopping"])
 
     @property
     def solve_time_s(self) -> float:
@@ -727,7 +728,6 @@ class Supervisor:
 
 _NO_ESTIMATE: Final[FloatArray] = np.full(ESTIMATE.itemsize // 8, math.nan)
 _NOTHING: Final = Diagnostics()
-_STOPPING: Final = (TICK.fields or {})["stopping"][1] // 8
 _COMMAND: Final = [item.name for item in fields(Command)]
 _CUTS: Final = {
     CUT_NOT_FINITE: "not finite",

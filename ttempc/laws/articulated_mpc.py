@@ -254,7 +254,10 @@ def articulated_controller(
     if reference.corridor and options.corridor:
         first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
         soft = corridor_bounds(reference.corridor, course.grid, c, first)
+    # the rows that change: along a long reference these matrices are the largest
+    a, b = a[:, : len(State)].copy(), b[:, : len(State)].copy()
     horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft)
+    del a, b, c
     law = law_of(kind, course.grid.state, course.feedforward, course.vehicle, **parts)
     return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))
 

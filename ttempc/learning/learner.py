@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from multiprocessing import current_process
 from threading import Event
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 from weakref import WeakSet
 
 from ..types import Command, FloatArray
@@ -89,13 +89,17 @@ class Learnt(Generic[_Parts]):
     sent: tuple[Command, ...]  # recorded since the attempt began, oldest first
 
 
+_Outcome: TypeAlias = tuple[Identification, Any, list[Identifier]]
+"""What an attempt has found, its parts, None where nothing changes, and who has not settled."""
+
+
 @dataclass(slots=True, eq=False, weakref_slot=True)
 class _Turn:
     """Work of a thread, to be begun anew where there is none: in a copy, in a child of a fork."""
 
     process: int | None = None  # of the thread
     done: Event = field(default_factory=Event)
-    outcome: tuple[Identification, Any, list[Identifier]] | None = None
+    outcome: _Outcome | None = None
     error: BaseException | None = None
 
 
@@ -219,34 +223,25 @@ class Learner(Generic[_Parts]):
         return self._turn
 
     def _begin(self) -> None:
-        window, identifiers, vehicle = self._window, list(self._identifiers), self._vehicle
-        assert window is not None
-        builder, self._seen = self._builder, self._recorded
-
-        def attempt() -> tuple[Identification, _Parts | None, list[Identifier]]:
-            return _attempt(window, identifiers, vehicle, builder)
-
-        self._start(attempt)
+        assert self._window is not None
+        self._seen = self._recorded
+        self._start(self._window, None)
 
     def _catch_up(self) -> None:
         """Begin a turn in which new parts receive what they have not yet received, if any."""
-        builder, outcome, seen = self._builder, self._turn.outcome, self._seen
+        outcome, seen = self._turn.outcome, self._seen
         if outcome is None or outcome[1] is None or seen == self._recorder.count:
             return
-        window, self._seen = self._recorder.since(seen), self._recorder.count
+        self._seen = self._recorder.count
+        self._start(self._recorder.since(seen), outcome)
 
-        def turn() -> tuple[Identification, _Parts | None, list[Identifier]]:
-            builder.replay(outcome[1], window)
-            return outcome
-
-        self._start(turn)
-
-    def _start(self, function: Any) -> None:  # noqa: ANN401 - a turn's function
+    def _start(self, window: Window, outcome: _Outcome | None) -> None:
         turn = self._turn = _Turn(current_process().pid)
+        work = window, [*self._identifiers], self._vehicle, self._builder, outcome
 
         def run() -> None:
             try:
-                turn.outcome = function()
+                turn.outcome = _attempt(*work)
             except BaseException as error:  # a user's code may also exit
                 turn.error = error
             finally:
@@ -261,20 +256,25 @@ class Learner(Generic[_Parts]):
 
 
 def _attempt(
-    window: Window, identifiers: Sequence[Identifier], vehicle: Vehicle, builder: Builder[_Parts]
-) -> tuple[Identification, _Parts | None, list[Identifier]]:
-    changes, open_ones = list[ParameterChange](), list[Identifier]()
-    for identifier in identifiers:
-        result = identifier.identify(window, vehicle)
-        vehicle = result.vehicle
-        changes += result.changes
-        if not result.settled:
-            open_ones.append(identifier)
-    parts = None
-    if changes:
-        parts = builder.build(vehicle)
-        builder.replay(parts, window)
-    return Identification(vehicle, tuple(changes)), parts, open_ones
+    window: Window,
+    identifiers: Sequence[Identifier],
+    vehicle: Vehicle,
+    builder: Builder[Any],
+    outcome: _Outcome | None,
+) -> _Outcome:
+    if outcome is None:
+        changes, open_ones = list[ParameterChange](), list[Identifier]()
+        for identifier in identifiers:
+            result = identifier.identify(window, vehicle)
+            vehicle = result.vehicle
+            changes += result.changes
+            if not result.settled:
+                open_ones.append(identifier)
+        parts = builder.build(vehicle) if changes else None
+        outcome = Identification(vehicle, tuple(changes)), parts, open_ones
+    if outcome[1] is not None:
+        builder.replay(outcome[1], window)
+    return outcome
 
 
 _TURNS: Final = WeakSet[_Turn]()

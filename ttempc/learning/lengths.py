@@ -15,9 +15,8 @@ from ..estimation.filter import (
     FADING,
     FILTER,
     MOMENT,
+    SAME_TIME_S,
     VALVES,
-    HeldCommands,
-    after_dead_times,
     correct,
     filter_parameters,
     first_moment,
@@ -29,7 +28,7 @@ from ..jit import cached_njit
 from ..layout import FLOAT, SAMPLE, measurements_of
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
-    KERNEL_INDEX,
+    LENGTH,
     SIZE,
     STATES,
     SensorIndex,
@@ -60,7 +59,7 @@ def replay(
     Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
     of the sample, command (3,) of the span, number of integration steps, block. `parameters` and
     `moment` are those of the filter; a sample beyond its gate is used with its noise raised until
-    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 12) their
+    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 15) their
     parameters. J' J and J' r of the whitened innovations r and their derivatives J by the steps of
     the parameters are added to `normal` (p, p) and, by block, to `gradients` (blocks, p).
     """
@@ -148,7 +147,6 @@ _GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
 _SLIP: Final = 0.03  # relative tolerance of what tyres can feign, see `_tolerance`; assumed
 _N: Final = len(LENGTHS)
 _CHANGE_M: Final = 0.03  # the same of the turning offset, whose effect is as its own; assumed
-_TURN_M: Final = 0.01  # its change below which nothing is exchanged: its prior is in it; assumed
 _CHANGE: Final = 0.02  # relative change of the lengths below which nothing is exchanged; assumed
 _REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
 KNOWN_SD: Final = 0.05
@@ -164,11 +162,8 @@ class LengthIdentifier:
     on which horizontal distances are shorter, and tyres that slip sideways, in furrows most.
     """
 
-    def __init__(
-        self, vehicle: Vehicle, noise: SensorNoise, process: ProcessNoise | None = None
-    ) -> None:
-        self._given = vehicle
-        self._noise, self._process = noise, process or ProcessNoise.of(vehicle)
+    def __init__(self, vehicle: Vehicle, noise: SensorNoise) -> None:
+        self._given, self._noise, self._process = vehicle, noise, ProcessNoise.of(vehicle)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""
@@ -188,7 +183,7 @@ class LengthIdentifier:
             lengths = np.append(given[:_N], (lengths + covariance[:, :_N] @ by_lengths)[_N:])
         settled &= bool((sd[_N:] < _CHANGE_M).all())
         change = lengths - present
-        turned = bool((np.abs(change[_N:]) > _TURN_M).any())
+        turned = bool((np.abs(change) > np.maximum(_CHANGE_M, sd))[_N:].any())
         if np.linalg.norm(change[:_N] / given[:_N]) < _CHANGE and not turned:
             return Identification(vehicle, (), settled)
         rows = zip(_names(vehicle), present.tolist(), lengths.tolist(), sd.tolist(), strict=True)
@@ -290,25 +285,26 @@ class _Replay:
         heights = noise.antenna_height_t, noise.antenna_height_i
         samples, counts = _means(axle_points(flat.samples, headings, heights))
         ticks = flat.ticks[~np.isnan(flat.ticks[:, COMMAND]).any(axis=1)]
-        sent: HeldCommands = list(zip(ticks[:, TIME].tolist(), ticks[:, COMMAND], strict=True))
-        of_sensor = [samples[samples[:, 1] == index] for index in KERNEL_INDEX.values()]
-        if len(sent) < 2 or not all(map(len, of_sensor)):
+        ends, sent, dead_times = ticks[:, TIME], ticks[:, COMMAND], vehicle.dead_times
+        of_sensor = [samples[samples[:, 1] == index] for index in range(len(LENGTH))]
+        if len(ends) < 2 or not all(map(len, of_sensor)):
             return None
-        ends, commands = map(np.array, zip(*after_dead_times(sent, vehicle), strict=True))
-        begin = max(ends[0], *(own[0, 0] for own in of_sensor))
+        begin = max(ends[0] + dead_times.min(), *(own[0, 0] for own in of_sensor))
         first = measurements_of(np.array([own[own[:, 0] <= begin][-1] for own in of_sensor]))
         rest = samples[(samples[:, 0] > begin) & (samples[:, 0] <= ends[-1])]
         if not len(rest) or ends[-1] - rest[0, 0] < _LEAST_S:
             return None
-        # Samples and ends of commands in order of time, a sample before an end
-        ends, commands = ends[1:], commands[1:]
-        times = np.append(rest[:, 0], later := ends[ends > begin])
+        # Samples and changes of what acts in order of time, a sample before a change
+        changes = np.unique(np.append(ends[:, None] + dead_times, ends[-1]))
+        later = changes[(changes > begin) & (changes <= ends[-1])]
+        times = np.append(rest[:, 0], later)
         order = np.argsort(times, kind="stable")
         events = np.zeros((len(times), 9))
         events[:, 0] = np.append(rest[:, 1], np.full(len(later), -1.0))[order]
         events[:, 1] = spans = np.diff(times[order], prepend=begin)
         events[:, 2:4] = np.append(rest[:, 2:4], np.zeros((len(later), 2)), axis=0)[order]
-        events[:, 4:7] = commands[np.searchsorted(ends, times[order])]
+        was_sent_s = times[order][:, None] - dead_times - SAME_TIME_S
+        events[:, 4:7] = sent[np.searchsorted(ends, was_sent_s), range(len(dead_times))]
         events[:, 7] = [steps_over(span) for span in spans.tolist()]
         events[:, 8] = (times[order] - begin) // _BLOCK_S
         return cls({reading.sensor: reading for reading in first}, events, counts, noise, process)
@@ -406,8 +402,8 @@ def _means(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     has for its sensor, so that its variance is known; what is left over at a gap is dropped, and so
     are float solutions.
     """
-    result, counts = [np.empty((0, SAMPLE))], np.ones(len(KERNEL_INDEX))
-    for index in KERNEL_INDEX.values():
+    result, counts = [np.empty((0, SAMPLE))], np.ones(len(LENGTH))
+    for index in range(len(LENGTH)):
         usable = np.isfinite(rows).all(axis=1) & (rows[:, 4] != FLOAT)
         own = rows[(rows[:, 1] == index) & usable]
         own = own[np.unique(own[:, 0], return_index=True)[1]]

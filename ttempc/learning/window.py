@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, overload
@@ -71,55 +72,23 @@ class Window(Sequence[RecordedTick]):
 
 
 class Recorder:
-    """Keeps the last `memory` ticks at least, in arrays that double where they are too short."""
+    """Keeps the last `memory` ticks."""
 
     def __init__(self, memory: int) -> None:
-        self._memory = memory
-        self._ticks, self._samples = np.empty((64, _TICK)), np.empty((1024, SAMPLE))
+        self._ticks: deque[tuple[list[float], FloatArray]] = deque(maxlen=memory)
         self.count = 0  # of all ticks that were recorded
-        self._first = 0  # of them, in the arrays
-        self._all_samples = self._first_sample = 0  # likewise
 
     def append(
-        self,
-        time_s: float,
-        samples: FloatArray,
-        command: FloatArray,
-        psi_t: float,
-        psi_i: float,
+        self, time_s: float, samples: FloatArray, command: FloatArray, psi_t: float, psi_i: float
     ) -> None:
         """Record a tick: samples (n, `SAMPLE`) in the order of arrival, command (3,), headings."""
-        end = self._all_samples + len(samples)
-        if self.count - self._first == len(self._ticks) or end - self._first_sample > len(
-            self._samples
-        ):
-            self._make_room(len(samples))
-        tick = self._ticks[self.count - self._first]
-        tick[TIME], tick[COMMAND], tick[HEADINGS] = time_s, command, (psi_t, psi_i)
-        tick[SAMPLES] = end
-        start = self._all_samples - self._first_sample
-        self._samples[start : start + len(samples)] = samples
-        self.count, self._all_samples = self.count + 1, end
+        tick = [time_s, *command.tolist(), psi_t, psi_i, len(samples)]
+        self._ticks.append((tick, samples.copy()))
+        self.count += 1
 
     def since(self, tick: int) -> Window:
         """Return a copy of the ticks from the `tick`-th on, of those that are kept."""
-        begin, end = max(tick - self._first, 0), self.count - self._first
-        ticks, base = self._ticks[begin:end].copy(), self._first_sample
-        dropped = int(self._ticks[begin - 1, SAMPLES]) if begin else base
-        ticks[:, SAMPLES] -= dropped
-        return Window(ticks, self._samples[dropped - base : self._all_samples - base].copy())
-
-    def _make_room(self, more: int) -> None:
-        kept = self.since(self.count - self._memory)
-        self._first = self.count - len(kept)
-        self._first_sample = self._all_samples - len(kept.samples)
-        kept.ticks[:, SAMPLES] += self._first_sample
-        for name, rows, needed in (
-            ("_ticks", kept.ticks, 2 * len(kept)),
-            ("_samples", kept.samples, 2 * (len(kept.samples) + more)),
-        ):
-            array = getattr(self, name)
-            if needed > len(array):
-                array = np.empty((needed, array.shape[1]))
-                setattr(self, name, array)
-            array[: len(rows)] = rows
+        kept = [*self._ticks][max(len(self._ticks) - self.count + tick, 0) :]
+        ticks = np.array([entries for entries, _ in kept]).reshape(-1, _TICK)
+        ticks[:, SAMPLES] = np.cumsum(ticks[:, SAMPLES])
+        return Window(ticks, np.concatenate([np.empty((0, SAMPLE)), *(rows for _, rows in kept)]))

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from ..errors import UnknownSensor
-from ..jit import cached_njit, local
+from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE
 from ..types import (
     Disturbance,
@@ -111,9 +111,9 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (12,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (15,).
     """
-    e = estimate.view(ESTIMATE)[0]
+    e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_i, rim = x[AugmentedState.DELTA_I], x[AugmentedState.RIM]
     gx, gy = x[AugmentedState.SIDE_X], x[AugmentedState.SIDE_Y]
@@ -183,7 +183,11 @@ class VehicleParameter(IntEnum):
     STEERING_RATE_T = 8
     STEERING_RATE_I = 9
     TRAILER_TURNING_OFFSET = 10
-    JOINT = 11  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
+    DEAD_TIME_T = 11
+    DEAD_TIME_I = 12
+    DEAD_TIME_HP = 13
+    REVERSE = 14  # 1 or 0
+    JOINT = 15  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
 
 
 class SensorIndex(IntEnum):
@@ -200,9 +204,11 @@ class SensorIndex(IntEnum):
 
 
 def vehicle_parameters(vehicle: Vehicle, joint: bool = False) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (12,), SI units."""
-    names = [parameter.name.lower() for parameter in VehicleParameter]
-    return np.array([getattr(vehicle, name, float(joint)) for name in names])
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (16,), SI units."""
+    return np.array([getattr(vehicle, name, joint) for name in _PARAMETERS], dtype=float)
+
+
+_PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
 
 
 @cached_njit(error_model="numpy")
@@ -509,13 +515,9 @@ LENGTH: Final = {
     Sensor.HITCH: 1,
     Sensor.ENCODER: 1,
 }
-"""Entries of a sample of each sensor with a model; estimators ignore the samples of all others."""
+"""Entries of a sample of each sensor with a model, in the order of `SensorIndex`.
 
-KERNEL_INDEX: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in LENGTH}
-"""`SensorIndex` of each of these sensors as a plain number, which numba compiles once."""
-
-GYROS: Final = {s: int(SensorIndex[s.name]) for s in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)}
-"""`SensorIndex` of the sensors whose yaw rate the filter uses where they are there."""
+Estimators ignore the samples of all others, but for the yaw rates of IMUs."""
 
 ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
 """Sensors whose readings are angles, equal modulo a turn."""
@@ -534,6 +536,7 @@ def predicted_measurement(
     if sensor not in LENGTH:
         raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
     reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
+    index = int(SensorIndex[sensor.name])  # a plain number, for which `measure` is compiled
     parameters = vehicle_parameters(vehicle, joint)
-    m = measure(KERNEL_INDEX[sensor], augmented, parameters, 0.0, reading, jacobian)
+    m = measure(index, augmented, parameters, 0.0, reading, jacobian)
     return reading[:m], jacobian[:m]

@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 
 from ..reference.reference import ReferenceSample
-from ..types import Disturbance, Estimate, FloatArray, Input, State
+from ..types import Disturbance, Estimate, FloatArray, State
 from ..vehicle import Vehicle
 
 
@@ -85,8 +85,9 @@ def articulated(
     a, d = vehicle.hitch_offset, vehicle.drawbar_length
     lam = psi_t - psi_i
     cos_t, sin_t, cos_l = math.cos(psi_t), math.sin(psi_t), math.cos(lam)
-    rate_t, _ = _steering(u_t, delta_t, vehicle.steering_lag_t, vehicle.steering_rate_t)
-    rate_i, _ = _steering(u_i, delta_i, vehicle.steering_lag_i, vehicle.steering_rate_i)
+    fastest_t, fastest_i = vehicle.steering_rate_t, vehicle.steering_rate_i
+    rate_t = min(max((u_t - delta_t) / vehicle.steering_lag_t, -fastest_t), fastest_t)
+    rate_i = min(max((u_i - delta_i) / vehicle.steering_lag_i, -fastest_i), fastest_i)
     yaw_t = v * math.tan(delta_t + bias) / vehicle.wheelbase
     across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
     cos_i = math.cos(delta_i)
@@ -95,76 +96,6 @@ def articulated(
     acceleration = (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant + drive
     v_x, v_y = v * (cos_t - slip_t * sin_t), v * (sin_t + slip_t * cos_t)
     return np.array([v_x, v_y, yaw_t, yaw_i, rate_t, rate_i, acceleration])
-
-
-def articulated_jacobian(
-    state: FloatArray,
-    inputs: FloatArray,
-    vehicle: Vehicle,
-    disturbance: FloatArray = NO_DISTURBANCE,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return d `articulated` / d state (7, 7), / d inputs (7, 3) and / d disturbance (7, 5).
-
-    A steering rate at its limit depends on neither the angle nor the command.
-    """
-    _, _, psi_t, psi_i, delta_t, delta_i, v = state.tolist()
-    u_t, u_i, _ = inputs.tolist()
-    slip_t, slip_i, bias, _, _ = disturbance.tolist()
-    a, d = vehicle.hitch_offset, vehicle.drawbar_length
-    lam = psi_t - psi_i
-    sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
-    sin_l, cos_l = math.sin(lam), math.cos(lam)
-    sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
-    _, gain_t = _steering(u_t, delta_t, vehicle.steering_lag_t, vehicle.steering_rate_t)
-    rate_i, gain_i = _steering(u_i, delta_i, vehicle.steering_lag_i, vehicle.steering_rate_i)
-    yaw_t_v = math.tan(delta_t + bias) / vehicle.wheelbase
-    yaw_t_delta = v / (vehicle.wheelbase * math.cos(delta_t + bias) ** 2)
-    arm = vehicle.trailer_length + vehicle.trailer_turning_offset + d * cos_i
-    yaw_i_v = (sin_l + slip_t * cos_l - slip_i - a * yaw_t_v * cos_l) / arm
-    yaw_i = v * yaw_i_v - d * rate_i * cos_i / arm
-    yaw_i_lam = v * (cos_l - slip_t * sin_l + a * yaw_t_v * sin_l) / arm
-    yaw_i_delta_t = -a * yaw_t_delta * cos_l / arm
-    yaw_i_rate = -d * cos_i / arm
-
-    by_state = np.zeros((7, 7))
-    by_state[State.X, State.PSI_T] = -v * (sin_t + slip_t * cos_t)
-    by_state[State.X, State.V] = cos_t - slip_t * sin_t
-    by_state[State.Y, State.PSI_T] = v * (cos_t - slip_t * sin_t)
-    by_state[State.Y, State.V] = sin_t + slip_t * cos_t
-    by_state[State.PSI_T, State.DELTA_T] = yaw_t_delta
-    by_state[State.PSI_T, State.V] = yaw_t_v
-    by_state[State.PSI_I, State.PSI_T] = yaw_i_lam
-    by_state[State.PSI_I, State.PSI_I] = -yaw_i_lam
-    by_state[State.PSI_I, State.DELTA_T] = yaw_i_delta_t
-    by_state[State.PSI_I, State.DELTA_I] = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
-    by_state[State.PSI_I, State.V] = yaw_i_v
-    by_state[State.DELTA_T, State.DELTA_T] = -gain_t
-    by_state[State.DELTA_I, State.DELTA_I] = -gain_i
-    by_state[State.V, State.V] = -1.0 / vehicle.speed_time_constant
-
-    by_input = np.zeros((7, 3))
-    by_input[State.PSI_I, Input.DELTA_I] = yaw_i_rate * gain_i
-    by_input[State.DELTA_T, Input.DELTA_T] = gain_t
-    by_input[State.DELTA_I, Input.DELTA_I] = gain_i
-    by_input[State.V, Input.HP] = vehicle.speed_gain / vehicle.speed_time_constant
-
-    by_disturbance = np.zeros((7, 5))
-    by_disturbance[State.X, Disturbance.SLIP_T] = -v * sin_t
-    by_disturbance[State.Y, Disturbance.SLIP_T] = v * cos_t
-    by_disturbance[State.PSI_I, Disturbance.SLIP_T] = v * cos_l / arm
-    by_disturbance[State.PSI_I, Disturbance.SLIP_I] = -v / arm
-    by_disturbance[State.PSI_T, Disturbance.STEERING] = yaw_t_delta
-    by_disturbance[State.PSI_I, Disturbance.STEERING] = yaw_i_delta_t
-    by_disturbance[State.V, Disturbance.DRIVE] = 1.0
-    return by_state, by_input, by_disturbance
-
-
-def _steering(command: float, angle: float, lag: float, limit: float) -> tuple[float, float]:
-    """Return the rate of a steering angle [rad/s] and its derivative by the command [1/s]."""
-    rate = (command - angle) / lag
-    if abs(rate) >= limit:
-        return math.copysign(limit, rate), 0.0
-    return rate, 1.0 / lag
 
 
 class Error(IntEnum):

@@ -16,16 +16,16 @@ _BLOCK = 64  # matrices at a time: a long reference needs little memory beside t
 def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
     """Return A_d (N, n, n) and B_d (N, n, m) of z' = A z + B u with u constant for `period_s`.
 
-    They are blocks of the exponential of [[A, B], [0, 0]] (Van Loan 1978), for `a` A (N, n, n) and
-    `b` B (N, n, m).
+    They are blocks of the exponential of [[A, B], [0, 0]] (Van Loan 1978), for `a` A (N, r, n) and
+    `b` B (N, r, m), whose rows after the r-th are 0.
     """
-    count, n, m = b.shape
+    (count, r, m), n = b.shape, a.shape[2]
 
     def block(first: int) -> FloatArray:
         part = slice(first, first + _BLOCK)
         matrices = np.zeros((len(a[part]), n + m, n + m))
-        matrices[:, :n, :n] = a[part] * period_s
-        matrices[:, :n, n:] = b[part] * period_s
+        matrices[:, :r, :n] = a[part] * period_s
+        matrices[:, :r, n:] = b[part] * period_s
         return matrices
 
     starts = range(0, count, _BLOCK)

@@ -7,9 +7,15 @@ import numpy as np
 
 from ..jit import cached_njit, record
 from ..layout import ESTIMATE, estimate_row
-from ..models.augmented_state import map_disturbance_gain
-from ..models.kinematics import articulated_jacobian, trailer_point_jacobian
+from ..models.augmented_state import (
+    AugmentedState,
+    map_disturbance_gain,
+    state_rate_jacobian,
+    vehicle_parameters,
+)
+from ..models.kinematics import trailer_point_jacobian
 from ..models.linear import zero_order_hold
+from ..models.rows import WIDTH
 from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Shared, State
@@ -79,6 +85,7 @@ def write_path(
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)
 _SIZE = _N + _D + len(MapDisturbance)
+_DISTURBANCES: Final = [AugmentedState[item.name] for item in Disturbance][:-1]
 
 
 def error_dynamics(
@@ -115,17 +122,26 @@ def error_dynamics(
 
 
 def _slopes(reference: Reference, period_s: float, ticks: int) -> tuple[FloatArray, FloatArray]:
-    """Return dA/dt (N, 16, 16) and dB/dt (N, 16, 3) of `error_dynamics` in the map frame."""
-    vehicle = reference.vehicle
+    """Return the rows of dA/dt (N, 7, 16), dB/dt (N, 7, 3) of `error_dynamics`, map frame."""
+    vehicle, parameters = reference.vehicle, vehicle_parameters(reference.vehicle)
     middle = reference.at((np.arange(ticks) + 0.5) * period_s)
     gains = map_gains(middle, vehicle)
-    slope_a, slope_b = np.zeros((ticks, _SIZE, _SIZE)), np.zeros((ticks, _SIZE, _M))
-    for k, (state, inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
-        by_state, by_input, by_disturbance = articulated_jacobian(state, inputs, vehicle)
-        slope_a[k, :_N, :_N] = by_state
+    slope_a, slope_b = np.zeros((ticks, _N, _SIZE)), np.zeros((ticks, _N, _M))
+    # of the filter's model without disturbances, where the speed over ground is that of the rims
+    x, jacobian, by_disturbance = np.zeros(WIDTH), np.empty((_N, WIDTH)), np.zeros((_N, _D))
+    d, length_i = vehicle.drawbar_length, vehicle.trailer_length + vehicle.trailer_turning_offset
+    for k, (x[:_N], inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
+        state_rate_jacobian(x, inputs, parameters, jacobian)
+        by_disturbance[:, :-1] = jacobian[:, _DISTURBANCES]  # the wheel slip has no effect on v
+        slope_a[k, :_N, :_N] = jacobian[:, :_N]
         slope_a[k, :_N, _N : _N + _D] = -by_disturbance
         slope_a[k, :_N, _N + _D :] = -by_disturbance @ gains[k]
-        slope_b[k, :_N] = by_input
+        for command, angle in ((Input.DELTA_T, State.DELTA_T), (Input.DELTA_I, State.DELTA_I)):
+            slope_b[k, angle, command] = -jacobian[angle, angle]
+        cos_i = math.cos(x[State.DELTA_I])
+        swing = -d * cos_i / (length_i + d * cos_i) * slope_b[k, State.DELTA_I, Input.DELTA_I]
+        slope_b[k, State.PSI_I, Input.DELTA_I] = swing
+    slope_b[:, State.V, Input.HP] = vehicle.speed_gain / vehicle.speed_time_constant
     return slope_a, slope_b
 
 

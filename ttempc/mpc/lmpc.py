@@ -76,6 +76,12 @@ class StageBounds(NamedTuple):
         """Return the bounds at an index of the arrays."""
         return StageBounds(*(values[index] for values in self))
 
+    @property
+    def limits(self) -> FloatArray:
+        """Return lower and upper bounds on inputs, then on their changes, (N, 2, 2 m)."""
+        lower = np.concatenate([self.lower, self.step_lower], axis=-1)
+        return np.stack([lower, np.concatenate([self.upper, self.step_upper], axis=-1)], axis=-2)
+
     def clamp(self, inputs: FloatArray) -> FloatArray:
         """Return the allowed first input nearest to `inputs` (m,), of the bounds of one tick."""
         first = slice(len(inputs))
@@ -188,7 +194,7 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
     return convex
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def pose(k: int, stages: Stages, work: Work) -> None:
     """Write free response, gradient and limits of tick `k` for `Work.given`, after `condense`.
 
@@ -250,7 +256,7 @@ def pose(k: int, stages: Stages, work: Work) -> None:
         left[1, c] = left[1, both] = min(left[1, c], left[1, both])
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def are_slack(k: int, stages: Stages, work: Work) -> bool:
     """Whether the steps of tick `k` keep to all soft bounds."""
     horizon, r, size = work.response.shape
@@ -269,7 +275,6 @@ def are_slack(k: int, stages: Stages, work: Work) -> bool:
     return True
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def plan(k: int, stages: Stages, work: Work, most: int) -> int:
     """Write the steps of tick `k` for `Work.given`; return the outcome as `minimise`.
 
@@ -278,17 +283,9 @@ def plan(k: int, stages: Stages, work: Work, most: int) -> int:
     if work.tick[0] != k and not condense(k, stages, work):
         return NOT_CONVEX
     pose(k, stages, work)
-    outcome = minimise(
-        work.hessian,
-        work.factor,
-        work.gradient,
-        stages.matrix,
-        work.limits,
-        work.active,
-        most,
-        work.steps,
-    )
-    if outcome >= 0 and stages.soft_rows.shape[0] and not are_slack(k, stages, work):
+    _, hessian, factor, _, _, _, gradient, limits, active, steps, _ = work
+    outcome = minimise(hessian, factor, gradient, stages.matrix, limits, active, most, steps)
+    if outcome >= 0 and len(stages.soft_rows) and not are_slack(k, stages, work):
         return UNSOLVED
     return outcome
 
@@ -307,7 +304,8 @@ class CondensedHorizon(Shared):
     it comes (`condense`).
 
     Args:
-        a: A (N, n, n), with `b` B (N, n, m); entries of z after the r-th are constant.
+        a: A (N, n, n), with `b` B (N, n, m); entries of z after the r-th are constant: the first r
+            rows of both are enough.
         outputs: C (N + 1, p, n), of the entries up to the r-th; without them, the outputs are the
             states.
         bounds: (N, m) each, in addition to those of the tuning.
@@ -330,7 +328,7 @@ class CondensedHorizon(Shared):
         free_bounds: StageBounds | None = None,
         soft: OutputBounds | None = None,
     ) -> None:
-        n, m = b.shape[1:]
+        n, m = a.shape[2], b.shape[2]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
         horizon, moves, p = tuning.horizon, tuning.moves, c.shape[1]
         self.ticks, self.solver, self.horizon = len(a) - horizon + 1, tuning.solver, horizon
@@ -339,16 +337,14 @@ class CondensedHorizon(Shared):
                 f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
                 f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
-        changes = (a != np.eye(n)).any(axis=(0, 2)) | b.any(axis=(0, 2))
+        changes = (a != np.eye(*a.shape[1:])).any(axis=(0, 2)) | b.any(axis=(0, 2))
         r = int(np.flatnonzero(changes).max(initial=0)) + 1
-        limits = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
-        lower = np.concatenate([limits.lower, limits.step_lower], axis=1)
-        upper = np.concatenate([limits.upper, limits.step_upper], axis=1)
+        bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
         none = np.zeros((0, 0, r))
         self.stages = Stages(
             model=np.concatenate([a[:, :r], b[:, :r]], axis=2),
             outputs=np.ascontiguousarray(c[..., :r]),
-            limits=np.stack([lower, upper], axis=1),
+            limits=bounds.limits,
             matrix=np.kron(np.tril(np.ones((moves, moves))), np.eye(m)).astype(np.float64),
             output_weight=np.array(tuning.output_weight),
             step_weight=np.array(tuning.step_weight),
@@ -379,26 +375,10 @@ class CondensedHorizon(Shared):
             kept=np.zeros(len(stages.step_weight) + size),
         )
 
-    def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
-        """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
-        work = self.work()
-        work.given[:] = *state, *previous_input
-        plan(k, self.stages, work, -1)
-        return self.problem(k, work)
-
     def problem(self, k: int, work: Work) -> QP:
         """Return the QP of tick `k` that `plan` has left in `work`."""
-        size, (lower, upper) = len(work.gradient), work.limits
-        return QP(
-            hessian=work.hessian,
-            gradient=work.gradient,
-            matrix=self.stages.matrix,
-            lower=lower[:size],
-            upper=upper[:size],
-            step_lower=lower[size:],
-            step_upper=upper[size:],
-            soft=self._soft_rows(k, work),
-        )
+        rows = self._soft_rows(k, work)
+        return QP(work.hessian, work.gradient, self.stages.matrix, work.limits, rows)
 
     def _soft_rows(self, k: int, work: Work) -> SoftRows | None:
         """Return the soft rows of tick `k`, None where no bound of its stages is finite."""

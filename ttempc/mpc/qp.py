@@ -40,15 +40,12 @@ class SoftRows:
 
 @dataclass(frozen=True, slots=True)
 class QP:
-    """Minimise 1/2 x'Hx + g'x subject to lower <= G x <= upper, step_lower <= x <= step_upper."""
+    """Minimise 1/2 x'Hx + g'x within lower and upper bounds on (G x, x)."""
 
     hessian: FloatArray  # H (n, n)
     gradient: FloatArray  # g (n,)
     matrix: FloatArray  # G (m, n)
-    lower: FloatArray  # (m,)
-    upper: FloatArray  # (m,)
-    step_lower: FloatArray  # (n,)
-    step_upper: FloatArray  # (n,)
+    limits: FloatArray  # lower and upper bounds, (2, m + n)
     soft: SoftRows | None = None  # further rows, which only `hardened` takes into account
 
     def hardened(self) -> QP:
@@ -59,45 +56,25 @@ class QP:
         soft = self.soft
         if soft is None:
             return self
-        n, r = len(self.gradient), soft.outputs
+        m, n, r = *self.matrix.shape, soft.outputs
         hessian = PENALTY * np.eye(n + r)
         hessian[:n, :n] = self.hessian
         slack = np.tile(np.eye(r), (len(soft.lower) // r, 1))  # to the rows, (Np r, r)
-        return QP(
-            hessian=hessian,
-            gradient=np.concatenate([self.gradient, np.full(r, PENALTY)]),
-            matrix=np.block(
-                [
-                    [self.matrix, np.zeros((len(self.matrix), r))],
-                    [soft.matrix, -slack],
-                    [-soft.matrix, -slack],
-                ]
-            ),
-            lower=np.concatenate([self.lower, np.full(2 * len(soft.lower), -np.inf)]),
-            upper=np.concatenate([self.upper, soft.upper, -soft.lower]),
-            step_lower=np.concatenate([self.step_lower, np.zeros(r)]),
-            step_upper=np.concatenate([self.step_upper, np.full(r, np.inf)]),
-        )
-
-    @property
-    def limits(self) -> FloatArray:
-        """Return lower and upper bounds of the rows and of x, (2, m + n)."""
-        lower = np.concatenate([self.lower, self.step_lower])
-        return np.stack([lower, np.concatenate([self.upper, self.step_upper])])
+        rows = [self.matrix, np.zeros((m, r))], [soft.matrix, -slack], [-soft.matrix, -slack]
+        upper = np.concatenate([soft.upper, -soft.lower])
+        of_rows = [np.full_like(upper, -np.inf), upper]
+        parts = self.limits[:, :m], of_rows, self.limits[:, m:], np.outer([0.0, np.inf], np.ones(r))
+        gradient = np.concatenate([self.gradient, np.full(r, PENALTY)])
+        return QP(hessian, gradient, np.block([*rows]), np.concatenate(parts, axis=1))
 
     def objective(self, x: FloatArray) -> float:
         """Return the cost at `x` (n,)."""
         return float(0.5 * x @ self.hessian @ x + self.gradient @ x)
 
     def slack(self, x: FloatArray) -> FloatArray:
-        """Return the distances of `x` (n,) to all bounds, negative beyond one, (2 m + 2 n,).
-
-        In the order upper, lower, step_upper, step_lower.
-        """
-        rows = self.matrix @ x
-        return np.concatenate(
-            [self.upper - rows, rows - self.lower, self.step_upper - x, x - self.step_lower]
-        )
+        """Return the distances of `x` (n,) to its bounds, negative beyond one, (2, m + n)."""
+        values = np.concatenate([self.matrix @ x, x])
+        return np.stack([values - self.limits[0], self.limits[1] - values])
 
 
 NOT_FINITE: Final = -1  # an entry of the gradient or of a bound on the rows
@@ -308,14 +285,15 @@ class PiqpSolver:
         # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
         known, self._matrix = self._matrix, qp.matrix
         fits = self._solver is not None and known.shape == qp.matrix.shape
+        m, (lower, upper) = len(qp.matrix), qp.limits
         problem = {
             "P": qp.hessian.T,  # symmetric; the transpose has the column order of PIQP
             "c": qp.gradient,
             "G": None if fits and qp.matrix is known else np.asfortranarray(qp.matrix),
-            "h_l": qp.lower,
-            "h_u": qp.upper,
-            "x_l": qp.step_lower,
-            "x_u": qp.step_upper,
+            "h_l": lower[:m],
+            "h_u": upper[:m],
+            "x_l": lower[m:],
+            "x_u": upper[m:],
         }
         if self._solver is not None and fits:
             self._solver.update(**problem)
@@ -356,8 +334,7 @@ class DaqpSolver:
 
     def solve(self, qp: QP) -> tuple[FloatArray, SolverReport]:
         """Return the minimiser (n,), or an arbitrary point, and DAQP's report."""
-        lower = np.concatenate([qp.step_lower, qp.lower])
-        upper = np.concatenate([qp.step_upper, qp.upper])
+        lower, upper = np.roll(qp.limits, len(qp.gradient), axis=1)  # those of x come first
         # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
         known, self._matrix = self._matrix, qp.matrix
         if self._model is None or known.shape != qp.matrix.shape:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from functools import reduce
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from .sets import DisturbanceSet
 from .tube import TrackingSystem, Tube, feedback_gains, invariant_tube, reach_backwards, search_tube
 
 _CROSS = (1, 3)  # cross-track errors among the outputs x_t, y_t, x_i, y_i
+_BLOCK = 1024  # ticks at a time: a long reference needs little memory beside the result
 _EVALUATIONS = 700  # of each simplex, at most
 _START = (0.1, 2.5, 0.05, 2.5, 0.01, 0.01, 0.01, 0.01, 0.01, 0.3, 1.5, 0.9)  # weights
 _HYDROSTAT_SHARE = 0.8  # largest share of the hydrostat's margin that the tube may take
@@ -49,10 +51,6 @@ class AncillaryWeights:
         """Return all weights in the order of the fields, (12,)."""
         return np.array([*self.outputs, *self.states, *self.inputs])
 
-    def with_inputs_times(self, factors: FloatArray) -> AncillaryWeights:
-        """Return the same with the weights of the inputs times `factors` (3,)."""
-        return AncillaryWeights.of(self.flat * np.concatenate([np.ones(9), factors]))
-
     @classmethod
     def of(cls, flat: FloatArray) -> AncillaryWeights:
         """Return the weights from `flat` (12,), the reverse of `AncillaryWeights.flat`."""
@@ -76,39 +74,27 @@ def gain_schedule(
         raise InvalidTube(f"no ancillary gain minimises {weights}: {reason}") from None
 
 
-@dataclass(frozen=True)
-class InputMargin:
-    """Distances of the feedforward from the limits of the inputs."""
-
-    amplitudes: FloatArray  # (T, m) to the nearer limit
-    step: FloatArray  # (m,) largest change in a period
-
-    @classmethod
-    def of(cls, feedforward: FloatArray, limits: CommandLimits) -> InputMargin:
-        """Return the margin between `feedforward` (T, m) and `limits`."""
-        return cls(np.minimum(limits.upper - feedforward, feedforward - limits.lower), limits.step)
-
-
 def search_weights(
     a: FloatArray,
     b: FloatArray,
     c: FloatArray,
     disturbance: DisturbanceSet,
-    margin: InputMargin,
+    feedforward: FloatArray,
+    limits: CommandLimits,
     reserve: FloatArray,
-    start: AncillaryWeights | None = None,
 ) -> AncillaryWeights:
     """Return weights whose tube is narrow across the track, at T stationary motions.
 
     `search_tube` minimises the largest cross-track half width of the two axle points. The other
     half widths enter with a small weight. Penalties keep free the `reserve` (m,) of each input, a
-    fifth of the hydrostat's margin, and a tenth of every change in a period. A (T, n, n), B and C
-    hold one motion each; `start` is by default that of the shipped tubes.
+    fifth of the hydrostat's margin between feedforward (T, m) and limits, and a tenth of every
+    change in a period. A (T, n, n), B and C hold one motion each. The search starts at the weights
+    of the shipped tubes.
 
     Raises:
         InvalidTube: no weights give a tube.
     """
-    amplitudes = margin.amplitudes - reserve
+    amplitudes = np.minimum(limits.upper - feedforward, feedforward - limits.lower) - reserve
     amplitudes[:, Input.HP] *= _HYDROSTAT_SHARE
     amplitudes = np.maximum(amplitudes, 1e-3)
 
@@ -122,12 +108,12 @@ def search_weights(
         outputs = candidate.outputs
         cross = outputs[:, _CROSS]
         amplitude = np.maximum(candidate.inputs / amplitudes - 1.0, 0.0).sum()
-        rate = np.maximum(candidate.rates / (_RATE_SHARE * margin.step) - 1.0, 0.0).sum()
+        rate = np.maximum(candidate.rates / (_RATE_SHARE * limits.step) - 1.0, 0.0).sum()
         others = _SECONDARY * cross.sum() + _SECONDARY * outputs.max()
         return float(cross.max() + _PENALTY * (amplitude + rate) + others)
 
-    first = np.array(_START) if start is None else start.flat
-    return AncillaryWeights.of(search_tube(system_of, cost, disturbance, first, _EVALUATIONS))
+    start = np.array(_START)
+    return AncillaryWeights.of(search_tube(system_of, cost, disturbance, start, _EVALUATIONS))
 
 
 _N = len(State)
@@ -340,8 +326,9 @@ class GrowingTube:
         free = stage_bounds(tuning, design.period_s, len(a), remaining_bounds(feedforward, limits))
         reserve = np.minimum(inputs, _reservable(free.lower, free.upper))
         of_rates = np.minimum(rates, _reservable(free.step_lower, free.step_upper))
-        bounds = horizon_bounds(free, reserve, of_rates, tuning.moves)
-        return cls(system.gains, reserve, bounds)
+        gains = system.gains
+        del system, inputs, rates  # large along a long reference
+        return cls(gains, reserve, horizon_bounds(free, reserve, of_rates, tuning.moves))
 
 
 def steered_system(
@@ -374,7 +361,7 @@ def steered_system(
         factors = np.where(rates.max(axis=(0, 1)) > most, 2.0, 1.0)
         if np.all(factors == 1.0) or max(weights.inputs) > _LARGEST_WEIGHT:
             return system, inputs, rates
-        weights = weights.with_inputs_times(factors)
+        weights = AncillaryWeights.of(weights.flat * np.append(np.ones(9), factors))
 
 
 def _reservable(lower: FloatArray, upper: FloatArray) -> FloatArray:
@@ -392,11 +379,11 @@ def reachable_inputs(
     gains, m = system.gains, system.gains.shape[1]
     rows = np.concatenate([gains, gains], axis=1)  # on m(k): inputs, rates
     half = np.zeros((horizon, *rows.shape[:2]))
-    backwards = reach_backwards(
-        system, disturbance, np.arange(len(gains)), rows, rates=slice(m, None)
-    )
-    for j, (completed, energy, _) in zip(range(1, horizon), backwards, strict=False):
-        half[j] = completed + disturbance.reach(energy)
+    for first in range(0, len(gains), _BLOCK):
+        ticks = np.arange(first, min(first + _BLOCK, len(gains)))
+        backwards = reach_backwards(system, disturbance, ticks, rows[ticks], rates=slice(m, None))
+        for j, (completed, energy, _) in zip(range(1, horizon), backwards, strict=False):
+            half[j, ticks] = completed + disturbance.reach(energy)
     return half[..., :m], half[..., m:]
 
 
@@ -426,12 +413,13 @@ def horizon_bounds(
         window = slice(stage, stage + ticks)
         return values[window] + less[stage, window]
 
-    lower = [at(free.lower, reserve, j) for j in range(horizon)]
-    upper = [at(free.upper, -reserve, j) for j in range(horizon)]
+    first, held, taken = range(moves - 1), range(moves - 1, horizon), -reserve
+    low = reduce(np.maximum, (at(free.lower, reserve, j) for j in held))
+    high = reduce(np.minimum, (at(free.upper, taken, j) for j in held))
+    lower = [*(at(free.lower, reserve, j) for j in first), low]
+    upper = [*(at(free.upper, taken, j) for j in first), high]
     step_lower = [at(free.step_lower, of_rates, j) for j in range(moves)]
     step_upper = [at(free.step_upper, -of_rates, j) for j in range(moves)]
-    low, high = np.maximum.reduce(lower[moves - 1 :]), np.minimum.reduce(upper[moves - 1 :])
-    lower[moves - 1], upper[moves - 1] = low, high
     for j in range(moves - 2, -1, -1):  # the inputs of stage j from which the plan can go on
         low = np.maximum(lower[j], low - step_upper[j + 1])
         high = np.minimum(upper[j], high - step_lower[j + 1])

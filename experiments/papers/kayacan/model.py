@@ -60,19 +60,7 @@ class PrintedModel:
         self, task: Task, steps: FloatArray, errors: FloatArray, jacobian: FloatArray
     ) -> None:
         """Write errors and derivatives, see `ArticulatedModel`."""
-        printed_horizon(
-            self._parameters,
-            self._period_s,
-            task.state,
-            task.disturbance,
-            task.poses,
-            task.feedforward,
-            task.inputs_e,
-            task.previous,
-            steps,
-            errors,
-            jacobian,
-        )
+        printed_horizon(self._parameters, self._period_s, task, steps, errors, jacobian)
 
 
 def along_window(
@@ -119,23 +107,19 @@ def _printed_window(
 def printed_horizon(
     parameters: FloatArray,
     period_s: float,
-    state: FloatArray,
-    disturbance: FloatArray,
-    poses: FloatArray,
-    feedforward: FloatArray,
-    inputs_e: FloatArray,
-    previous: FloatArray,
+    task: Task,
     steps: FloatArray,
     errors: FloatArray,
     jacobian: FloatArray,
 ) -> None:
     """Write the outputs along the horizon and their derivatives, see `ArticulatedModel`."""
-    now, by_given = state.copy(), np.empty((STATES, _COLUMNS))
+    now, by_given = task.state.copy(), np.empty((STATES, _COLUMNS))
     by_state, by_input = np.empty((STATES, STATES)), np.empty((STATES, 3))
+    disturbance, poses = task.disturbance, task.poses
     before, after = np.zeros((STATES, steps.size)), np.zeros((STATES, steps.size))
     by_end, own, steering = np.zeros((5, STATES)), np.arange(3), np.empty(4)
-    inputs = np.empty_like(feedforward)
-    planned_inputs(feedforward, inputs_e, previous, steps, own, inputs)
+    inputs = np.empty_like(task.feedforward)
+    planned_inputs(task, steps, own, inputs)
     for j in range(len(inputs)):
         beta = disturbance[j, FACTORS]
         steering[0], steering[1] = inputs[j, 0], inputs[j, 1] - beta  # delta_i = lambda - beta

@@ -161,20 +161,11 @@ class Estimator:
         offset = self._prior - self._first
         gradient = -np.einsum("kj,kji->i", weighted, slopes)
         gradient -= np.linalg.solve(self._covariance, offset)
-        free = np.full(_SIZE, 1e3)  # [m], [rad], [m/s]: no bound on the state
-        lower, upper = -free, free.copy()
-        lower[STATES:] = FACTOR_MIN - self._first[STATES:]
-        upper[STATES:] = FACTOR_MAX - self._first[STATES:]
-        qp = QP(
-            hessian=self._information(jacobian),
-            gradient=gradient,
-            matrix=np.eye(_SIZE),
-            lower=-2.0 * free,
-            upper=2.0 * free,
-            step_lower=lower,
-            step_upper=upper,
-        )
-        change = self._qp.solve(qp).x
+        # [m], [rad], [m/s]: no bound on the state; its row has one twice as far
+        limits = np.outer([-1e3, 1e3], np.repeat([2.0, 1.0], _SIZE))
+        limits[0, _SIZE + STATES :] = FACTOR_MIN - self._first[STATES:]
+        limits[1, _SIZE + STATES :] = FACTOR_MAX - self._first[STATES:]
+        change = self._qp.solve(QP(self._information(jacobian), gradient, np.eye(_SIZE), limits)).x
         if change is not None:
             self._first = self._first + change
 

@@ -10,8 +10,7 @@ else is assumed, and an option.
 
 import math
 from dataclasses import dataclass
-from functools import partial
-from typing import ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -107,8 +106,8 @@ class PrintedFeedback(FeedbackLaw):
         self._options = options
         self._targets = SpaceBasedTargets(reference, period_s, options)
         model = PrintedModel(reference.vehicle, options.hitch_sign, period_s)
-        solver = partial(GaussNewton, reference, PRINTED, options, period_s, options.iterations)
-        self._solver = solver(model)  # pyright: ignore[reportArgumentType] - a model of its shape
+        own: Any = model  # it has the shape of an `ArticulatedModel`
+        self._solver = GaussNewton(own, PRINTED, options, options.iterations)
         limits = CommandLimits.of(reference.vehicle, period_s)
         bound = np.array(options.input_bound)
         self._lower, self._upper = np.maximum(-bound, limits.lower), np.minimum(bound, limits.upper)

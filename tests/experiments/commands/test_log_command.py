@@ -2,12 +2,13 @@
 
 import json
 import socket
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.logs.check import check_log
+from proving_ground.experiments.logs.check import check_log, recover
 from proving_ground.experiments.results.tracking_errors import BODIES, tracking_errors
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
@@ -97,6 +98,27 @@ def test_check_reports_missing_topics_attachments_and_rows(tmp_path):
     assert "backwards on /state" in checks["time"].detail
     assert "nothing for 440 ms" in checks["truth"].detail
     assert not any(checks[name].passed for name in ("attachments", "topics", "time", "truth"))
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        *(("scenario.toml", b"x = 1"), ("vehicle.toml", b"x = 1"), ("model.xml", b"\xff")),
+        *(("ground.npz", b"PK"), ("/tf", b"\xff"), ("/tf", b""), ("/tyres", b"")),
+        *(("/control", slice(3)), ("/state", slice(None, None, 2)), ("/tyres", slice(9, None))),
+    ],
+)
+def test_check_finds_wrong_content_behind_right_checksums(log, tmp_path, name, wrong):
+    content, file = read_content(log), tmp_path / "log.mcap"
+    files, messages = dict(content.attachments), dict(content.messages)
+    if name in files:
+        files[name] = wrong
+    elif isinstance(wrong, bytes):
+        messages[name] = [replace(message, data=wrong) for message in messages[name]]
+    else:
+        messages[name] = messages[name][wrong]
+    recover(replace(content, attachments=files, messages=messages), file)
+    assert any(not check.passed for check in check_log(read_content(file)))
 
 
 def test_tables_hold_the_log_to_the_bit(log, tmp_path):

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures import FIGURES
 from proving_ground.experiments.figures.export import export_figures, figure_csv, run_figures
@@ -27,6 +28,13 @@ def log(tmp_path_factory):
 @pytest.fixture(scope="module")
 def record(log):
     return read_log(log)
+
+
+def test_a_band_whose_ends_are_not_known_has_no_columns():
+    axes = Figure().subplots()
+    axes.fill_between([0.0, 1.0, 2.0], np.full(3, np.nan), np.ones(3), label="tube")
+    axes.plot([0.0, 1.0, 2.0], [3.0, 4.0, 5.0], label="tube")
+    assert figure_csv(axes.figure).splitlines()[1:] == [f"0,,tube,{x},{x + 3}" for x in (0, 1, 2)]
 
 
 def data(record, name):

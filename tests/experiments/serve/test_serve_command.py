@@ -20,6 +20,7 @@ def test_bad_options_are_refused_in_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for options, text in (
         (["--wait", "-1"], "--wait"),
+        (["--wait", "1e300", "--step"], "1e6, got 1e300"),
         (["--step", "--speed", "2"], "--speed"),
         (["--peer", "localhost"], "--peer: got 'localhost'"),
         (["--peer", "127.0.0.1:0"], "from 1 to 65535"),

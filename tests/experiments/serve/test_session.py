@@ -252,6 +252,18 @@ class AgOpenGps:
         return [steering_frame(limited, engaged)]
 
 
+def test_who_does_not_steer_does_not_own_the_session():
+    @contextlib.contextmanager
+    def squatter(address):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.sendto(off, address)
+            yield
+
+    off, protocol = steering_frame(0.0, False), AgOpenGpsProtocol()
+    _, outcome, *_ = drive(AgOpenGps(0.1), protocol, first=(off,), beside=squatter)
+    assert outcome.status == "completed"
+
+
 def test_agopengps_steers_onto_a_line_of_its_own_beside_the_path():
     offset_m = 0.8
     guidance = AgOpenGps(offset_m)

@@ -105,6 +105,10 @@ def test_a_model_that_opens_files_is_refused_and_those_of_this_program_pass():
         '<size memory="99G"/>',
         '<asset><texture name="a" type="2d" width="99999" height="9"/></asset>',
         '<asset><hfield name="a" nrow="99999" ncol="99999" size="1 1 1 1"/></asset>',
+        5 * '<texture type="2d" width="2048" height="2048"/>',  # one is allowed
+        2 * '<hfield nrow="4000" ncol="4000"/>',
+        '<texture type="cube" width="2048" height="2048"/>',
+        9_000 * "<geom/>",
     ):
         with pytest.raises(ValueError, match=r"not allowed|at most|1M to 99M"):
             check_model(f"<mujoco>{inside}</mujoco>")

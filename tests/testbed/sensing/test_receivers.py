@@ -5,15 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from proving_ground.testbed.sensing.receivers import (
-    FIXED,
-    FLOAT,
-    SHARED_VARIANCE,
-    TABLE,
-    receiver,
-)
+from proving_ground.testbed.sensing.receivers import FIXED, SHARED_VARIANCE, TABLE, receiver
 
 from tests.testbed import receiver_drive
+from ttempc.layout import FLOAT
 
 PERIOD = 0.2
 PLACES = ("open-sky", "wood", "street")

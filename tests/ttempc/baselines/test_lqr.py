@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from tests.ttempc.horizons import qp_of
 from ttempc.baselines.lqr import LqrOptions, step_gains
 from ttempc.guidance.controllers import make_controller
 from ttempc.laws.articulated_mpc import MpcOptions
@@ -30,7 +31,7 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
     generator = np.random.default_rng(5)
     for _ in range(5):
         state, before = 0.1 * generator.normal(size=16), 0.1 * generator.normal(size=3)
-        qp = horizon.qp(0, state, before)
+        qp = qp_of(horizon, 0, state, before)
         steps = np.linalg.solve(qp.hessian, -qp.gradient)
         np.testing.assert_allclose(
             -gain @ np.concatenate([state, before]), steps[:3], rtol=1e-6, atol=1e-8

@@ -64,16 +64,9 @@ class Checking(GaussNewton):
             return np.array([np.sum(self._weight * errors**2) + self._step_weight @ given**2])
 
         (slope,) = central_differences(cost, plan.steps)
-        bounds, shift = task.bounds, np.tile(task.previous, len(steps) // len(task.previous))
-        linear = QP(
-            hessian=np.zeros((len(steps), len(steps))),
-            gradient=slope,
-            matrix=self._sums,
-            lower=bounds.lower - shift,
-            upper=bounds.upper - shift,
-            step_lower=bounds.step_lower,
-            step_upper=bounds.step_upper,
-        )
+        limits = task.bounds.limits
+        limits[:, : len(steps)] -= np.tile(task.previous, len(steps) // len(task.previous))
+        linear = QP(np.zeros((len(steps), len(steps))), slope, self._sums, limits)
         primal, stationarity = residuals(linear, plan.steps)
         assert primal < 1e-9
         assert stationarity < 1e-5

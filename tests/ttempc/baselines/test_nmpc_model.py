@@ -103,8 +103,7 @@ def test_the_condensed_qp_has_the_cost_of_the_linearised_outputs():
         outputs = errors + jacobian @ (steps - at)
         return np.sum(weight * outputs**2) + np.sum(step_weight * steps**2)
 
-    none = np.empty((0, 6)), *[np.empty(0)] * 4
-    qp = QP(hessian, gradient, *none)
+    qp = QP(hessian, gradient, np.empty((0, 6)), np.empty((2, 6)))
     assert cost == pytest.approx(linearised(at), rel=1e-12)
     descent = qp.objective(at) - qp.objective(other)
     assert descent == pytest.approx(linearised(at) - linearised(other), rel=1e-10)

@@ -15,10 +15,10 @@ from ttempc.estimation import filter as kernels
 from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ttempc.models.augmented_state import (
     INITIAL_SD,
-    KERNEL_INDEX,
     LENGTH,
     SIZE,
     AugmentedState,
+    SensorIndex,
     advance_augmented_state,
     predicted_measurement,
     state_rate,
@@ -167,7 +167,7 @@ class Plain:
         kernels.predict(self.parameters, self.row, command, span_s, kernels.steps_over(span_s))
 
     def correct(self, sample):
-        index = KERNEL_INDEX[sample.sensor]
+        index = int(SensorIndex[sample.sensor.name])
         value, variance = (sample.value[0], sample.value[-1]), self.variance[index]
         rows = np.empty((8, 2, WIDTH))
         return kernels.correct(
@@ -264,10 +264,11 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
                 spread = by @ now.covariances[0] @ by.T + variance * np.eye(len(by))
                 normalised, *_ = now.correct(sample)
                 likelihood -= 0.5 * (normalised + np.log(np.linalg.det(spread)))
-        learnt, information = now.now["scales"][:, scale]  # the information stays that of the start
-        return now, likelihood, (learnt - factor) * information / factor**2
+        learnt, information = now.now["scales"][:, scale]  # hardly more than that of the start
+        score = (learnt - factor) * information / factor**2
+        return now, likelihood, score, math.sqrt(information - 1e8) / factor
 
-    one, (less, lower, _), (more, upper, _) = (run(value + by) for by in (0.0, -small, small))
+    one, (less, lower, *_), (more, upper, *_) = (run(value + by) for by in (0.0, -small, small))
     level = 1 + scale
     np.testing.assert_allclose(
         one[0].covariances[level],
@@ -279,5 +280,5 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
         (more.augmented[0] - less.augmented[0]) / (2.0 * small),
         atol=0.05 * np.abs(one[0].augmented[level]).max(),
     )
-    # a score near 0 is a difference of large terms
-    assert one[2] == pytest.approx((upper - lower) / (2.0 * small), rel=0.05, abs=1e-3)
+    # A score is a sum of terms of both signs; its sd is the root of the information.
+    assert one[2] == pytest.approx((upper - lower) / (2.0 * small), rel=0.0, abs=0.02 * one[3])

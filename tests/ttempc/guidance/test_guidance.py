@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import pickle
 import time
 from dataclasses import replace
@@ -18,6 +19,7 @@ from ttempc.errors import (
     GuidanceFailed,
     InvalidPath,
     InvalidReference,
+    InvalidSamples,
     InvalidTime,
     InvalidTuning,
     UnknownController,
@@ -29,7 +31,7 @@ from ttempc.guidance.guidance import Guidance
 from ttempc.learning.learner import Identification, ParameterChange
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Command, ControlStep, Sensor
+from ttempc.types import Command, ControlStep, Measurement, Sensor
 from ttempc.vehicle import CommandLimits, Vehicle
 
 PERIOD_S = 0.2
@@ -152,8 +154,19 @@ def test_calls_out_of_order_are_refused(samples):
     guidance.update(5.0, samples[0])
     with pytest.raises(InvalidTime, match=r"0\.2 s before"):
         guidance.update(4.8, [])
-    with pytest.raises(InvalidTime, match="finite"):
-        guidance.update(float("nan"), [])
+    for wrong in (math.nan, None, "5.2", 10**400):
+        with pytest.raises(InvalidTime, match="finite"):
+            guidance.update(wrong, [])
+    for place in (
+        (None, Sensor.HITCH, (0.0,)),
+        (Sensor.HITCH, 5.2, (0.0,)),
+        (5.2, Sensor.HITCH, 0.0),
+    ):
+        with pytest.raises(InvalidSamples, match="measurements"):
+            guidance.update(5.2, [Measurement(*place)])
+    arrays = [replace(sample, value=np.array(sample.value)) for sample in samples[1]]
+    guidance.update(5.2, arrays)  # the clock and the estimate are as before the refusals
+    assert np.isfinite(guidance.step().as_array()).all()
 
 
 @pytest.mark.parametrize(

@@ -166,6 +166,7 @@ def stopping():
         step = supervisor.step(replace(estimate, state=state, time_s=time_s), 20, time_s, alarms)
         return step.diagnostics.stopping
 
+    stops.resume = supervisor.resume
     return stops
 
 
@@ -186,6 +187,8 @@ def test_the_second_stop_within_a_minute_is_for_good_a_later_one_is_not():
         assert not stops((), 0.0, 2.0)
         stops((ALARM,), 1.0, pause_s)
         assert (not stops((), 0.0, pause_s + 60.0)) == restarts
+        stops.resume()
+        assert not stops((), 0.0, pause_s + 61.0)
 
 
 def test_a_vehicle_that_makes_no_way_stops_and_steers_on_where_it_may():

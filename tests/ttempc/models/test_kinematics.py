@@ -9,12 +9,7 @@ import pytest
 
 from tests.reference.models.kinematics import advance
 from tests.ttempc.numeric import central_differences
-from ttempc.models.kinematics import (
-    articulated,
-    articulated_jacobian,
-    trailer_point,
-    trailer_point_jacobian,
-)
+from ttempc.models.kinematics import articulated, trailer_point, trailer_point_jacobian
 from ttempc.types import Disturbance, State
 from ttempc.vehicle import Vehicle
 
@@ -36,21 +31,6 @@ def random_cases(count=30, steering_step=0.02):
         steering = state[State.DELTA_T : State.V] + steering_step * generator.normal(size=2)
         disturbance = generator.normal(size=5) * [0.1, 0.1, 0.05, 0.2, 0.1]
         yield state, np.array([*steering, generator.uniform()]), disturbance
-
-
-@pytest.mark.parametrize("vehicle", [VEHICLE, OTHER])
-@pytest.mark.parametrize("steering_step", [0.02, 2.0])  # within and far beyond the rate limits
-def test_jacobian_of_the_articulated_model(vehicle, steering_step):
-    for case in random_cases(steering_step=steering_step):
-        exact = articulated_jacobian(case[0], case[1], vehicle, case[2])
-        for index, derivative in enumerate(exact):
-
-            def rate(value, index=index, case=case):
-                state, inputs, disturbance = (*case[:index], value, *case[index + 1 :])
-                return articulated(state, inputs, vehicle, disturbance)
-
-            numeric = central_differences(rate, case[index])
-            np.testing.assert_allclose(derivative, numeric, atol=1e-6)
 
 
 def test_jacobian_of_the_trailer_point():

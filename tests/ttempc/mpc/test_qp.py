@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.ttempc.exact_qp import exact_minimum, residuals
-from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, random_qp, stages
+from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, qp_of, random_qp, stages
 from ttempc.errors import MissingPackage
 from ttempc.mpc.lmpc import SOLVERS, CondensedHorizon, LinearMpc, OutputBounds, move_bounds
 from ttempc.mpc.qp import PersistentSolver, SoftRows
@@ -33,7 +33,7 @@ def test_objective_differs_from_the_rolled_cost_by_a_constant():
     generator = np.random.default_rng(5)
     for k in (0, 40, 55, 100):
         state, previous = generator.normal(size=7), 0.05 * generator.normal(size=3)
-        qp = horizon().qp(k, state, previous)
+        qp = qp_of(horizon(), k, state, previous)
         free = rolled_cost(k, state, previous, np.zeros(9))
         for _ in range(3):
             steps = 0.1 * generator.normal(size=9)
@@ -57,14 +57,14 @@ def test_a_step_from_within_reach_leads_into_the_bounds():
 def test_a_tick_has_the_same_qp_in_any_order_and_on_a_horizon_of_its_own():
     a, b = stages()
     given = np.linspace(-0.1, 0.1, 7), np.zeros(3)
-    in_order = {k: horizon().qp(k, *given) for k in range(horizon().ticks)}
+    in_order = {k: qp_of(horizon(), k, *given) for k in range(horizon().ticks)}
     order = np.random.default_rng(45).permutation(horizon().ticks)  # back and forth over blocks
     for k in order.tolist():
         alone = CondensedHorizon(
             a[k : k + TUNING.horizon], b[k : k + TUNING.horizon], TUNING, PERIOD_S
         )
-        for qp in (in_order[k], alone.qp(0, *given)):
-            again = horizon().qp(k, *given)
+        for qp in (in_order[k], qp_of(alone, 0, *given)):
+            again = qp_of(horizon(), k, *given)
             assert qp.hessian.tobytes() == again.hessian.tobytes()
             assert qp.gradient.tobytes() == again.gradient.tobytes()
 
@@ -87,7 +87,7 @@ def test_rows_are_the_outputs_of_the_rolled_model():
     generator = np.random.default_rng(4)
     k, z, u = 55, generator.normal(size=7), 0.05 * generator.normal(size=3)
     steps = generator.normal(size=9)
-    soft = limited.qp(k, z, u).soft
+    soft = qp_of(limited, k, z, u).soft
     assert soft is not None
     expected = []
     for j in range(TUNING.horizon):
@@ -126,8 +126,7 @@ def test_slack_is_zero_where_the_rows_can_hold_and_the_largest_violation_elsewhe
         hard = replace(
             qp,
             matrix=np.vstack([qp.matrix, rows]),
-            lower=np.concatenate([qp.lower, soft.lower]),
-            upper=np.concatenate([qp.upper, soft.upper]),
+            limits=np.insert(qp.limits, [9] * 4, [soft.lower, soft.upper], axis=1),
         )
         np.testing.assert_allclose(x[:9], exact_minimum(hard), atol=1e-6)
     assert held > 5
@@ -156,11 +155,13 @@ def corrupted(qp, kind):
         case "hessian not finite":
             return replace(qp, hessian=np.full((9, 9), np.nan))
         case "one entry infinite":
-            return replace(qp, upper=np.where(np.arange(9) == 2, np.inf, qp.upper))
+            limits = qp.limits.copy()
+            limits[1, 2] = np.inf
+            return replace(qp, limits=limits)
         case "indefinite":
             return replace(qp, hessian=qp.hessian - 5.0 * np.linalg.norm(qp.hessian) * np.eye(9))
         case "infeasible":
-            return replace(qp, lower=qp.lower + 5.0, upper=qp.upper + 5.0)
+            return replace(qp, limits=qp.limits + 5.0 * (np.arange(18) < 9))
     raise AssertionError(kind)
 
 

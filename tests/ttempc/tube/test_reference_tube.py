@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.ttempc.horizons import qp_of
 from tests.ttempc.tubes import (
     DESIGN,
     PERIOD_S,
@@ -127,7 +128,7 @@ def test_every_qp_after_a_feasible_one_is_feasible_whatever_the_disturbances():
     for k in range(horizon.ticks):
         error = generator.normal(size=7) * [3, 3, 0.5, 0.5, 0.1, 0.1, 0.5]
         state = np.concatenate([error, np.zeros(9)])
-        solution = solver.solve(horizon.qp(k, state, u))
+        solution = solver.solve(qp_of(horizon, k, state, u))
         assert solution.report.accepted
         u = u + solution.x[:3]
         at_bound += np.isclose(u, TUBE.bounds.upper[k, :3], atol=1e-6).any()
