@@ -209,9 +209,9 @@ def check(scenario: Scenario) -> int:
     for stage in scenario.stages:
         load_factory(stage.make, "stage")
     timestep_s = scenario.plant.timestep_s
-    front, trailer = plan.vehicles.plant.front_steering, plan.vehicles.plant.trailer_steering
-    stops = math.radians(front.limit_deg), math.radians(trailer.limit_deg)
-    Actuators(scenario.actuators, timestep_s, stops)
+    plant = plan.vehicles.plant
+    steering = plant.front_steering, plant.trailer_steering
+    Actuators(scenario.actuators, timestep_s, steering)
     SensorSuite(scenario.sensors, timestep_s, 0, np.zeros((2, 3)))
     plan.soil.rasterised(plan.terrain)
     return plan.timetable.ticks

@@ -1,6 +1,6 @@
-"""Command path of the actuators: dead time, dead band, backlash and resolution.
+"""Command path of the actuators: dead time, dead band, backlash, resolution and flow.
 
-    command -> resolution -> dead time -> dead band -> play -> set point of the servo
+    command -> resolution -> dead time -> dead band -> play -> flow -> set point of the servo
 
 The servos in `mjcf/` add rate limits, lags and stops behind it. Every effect is off by default.
 The state is a flat array. A step runs once a physics step,
@@ -26,9 +26,11 @@ from ttempc.vehicle import MAX_DEAD_TIME_S
 from ..configuration.config_io import STRICT, NotNegative
 from ..discretisation import whole_steps
 from ..errors import InvalidPlant
+from ..vehicle.vehicle import Steering
 
 _ROUNDING: Final = 1e-12  # [rad] a set point at the edge of the dead band is inside it
 
+Flow = Annotated[float, Field(gt=0, le=1)]
 DeadTime = Annotated[float, Field(ge=0, le=MAX_DEAD_TIME_S)]
 
 
@@ -44,6 +46,11 @@ class SteeringValve:
     """Whole play between cylinder and wheel."""
     resolution_deg: NotNegative = 0.0
     """Resolution of the command as it is sent."""
+    flow_left: Flow = 1.0
+    """Speed of the angle to the left at an opening of the valve, over that of the vehicle file. The
+    areas of a single-rod cylinder differ by 1.3 to 1.6; cold oil lowers both flows."""
+    flow_right: Flow = 1.0
+    """The same to the right."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -66,9 +73,10 @@ class ActuatorSpecification:
     """Drive."""
 
 
-_STEP, _CYLINDER, _SET_POINT, _UNDER_WAY = 0, 1, 4, 7
+_STEP, _CYLINDER, _SET_POINT, _WHEEL, _UNDER_WAY = 0, 1, 4, 7, 10
 """Places in the state: steps since the start; of each axis the angle to which the valve moves the
-cylinder, that to which the cylinder moves the wheel; then the commands under way, in rings."""
+cylinder, the set point, the angle to which the cylinder moves the wheel; then the commands under
+way, in rings."""
 
 
 class CommandPath(Protocol):
@@ -91,7 +99,7 @@ class Actuators:
     Args:
         specification: effects of each axis.
         timestep: physics step [s]; every dead time must be a whole number of steps.
-        stops: front and trailer steering angle at the stops [rad].
+        steering: front and trailer steering of the vehicle.
 
     Raises:
         InvalidPlant: a dead time is not a whole number of steps, or a dead band, backlash or
@@ -99,23 +107,26 @@ class Actuators:
     """
 
     def __init__(
-        self, specification: ActuatorSpecification, timestep: float, stops: tuple[float, float]
+        self,
+        specification: ActuatorSpecification,
+        timestep: float,
+        steering: tuple[Steering, Steering],
     ) -> None:
         self.specification = specification
         # every command is a set point at once
         self.passive = specification == ActuatorSpecification()
         self.axes: Final = np.array(
             [
-                _steering_axis("front", specification.front, timestep, stops[0]),
-                _steering_axis("trailer", specification.trailer, timestep, stops[1]),
-                (_delay("hydrostat", specification.hydrostat, timestep), 0.0, 0.0, 0.0),
+                _steering_axis("front", specification.front, timestep, steering[0]),
+                _steering_axis("trailer", specification.trailer, timestep, steering[1]),
+                (_delay("hydrostat", specification.hydrostat, timestep), *3 * [0.0], *3 * [1.0]),
             ]
-        )  # (3, 4) of `move_valves`
+        )  # (3, 7) of `move_valves`
 
     def start(self, hp: float) -> FloatArray:
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
         front, trailer, hydrostat = self.axes[:, 0].astype(int)
-        return np.array([0.0, *(0.0, 0.0, hp) * 2, *(front + trailer) * [0.0], *hydrostat * [hp]])
+        return np.array([0.0, *(0.0, 0.0, hp) * 3, *(front + trailer) * [0.0], *hydrostat * [hp]])
 
     def step(
         self, state: FloatArray, command: Command, delta_t: float, delta_i: float
@@ -127,7 +138,7 @@ class Actuators:
 
     def set_points(self, state: FloatArray) -> tuple[float, float, float]:
         """Return the servos' front and trailer angle [rad] and the hydrostat's position."""
-        front, trailer, hydrostat = state[_SET_POINT:_UNDER_WAY].tolist()
+        front, trailer, hydrostat = state[_SET_POINT:_WHEEL].tolist()
         return front, trailer, hydrostat
 
 
@@ -138,9 +149,10 @@ def move_valves(
     """Advance the command path by one physics step, in place.
 
     Args:
-        axes: (3, 4) of front, trailer and hydrostat: dead time in steps, half width of the dead
-            band, whole play, resolution [rad].
-        state: (7 + steps of all dead times,) as from `Actuators.start`; entries 4 to 6 are the set
+        axes: (3, 7) of front, trailer and hydrostat: dead time in steps, half width of the dead
+            band, whole play, resolution, error of the angle at which the valve is fully open [rad],
+            flows to the left and to the right.
+        state: (10 + steps of all dead times,) as from `Actuators.start`; entries 4 to 6 are the set
             points.
         command: (3,) that is sent at this step.
         delta_t, delta_i: present steering angles [rad].
@@ -156,11 +168,16 @@ def move_valves(
             place = ring + now % delay
             state[place], arrived = arrived, state[place]
             ring += delay
-        cylinder, wheel = state[_CYLINDER + axis], state[_SET_POINT + axis]
+        cylinder, wheel = state[_CYLINDER + axis], state[_WHEEL + axis]
         angle = delta_t if axis == 0 else (delta_i if axis == 1 else wheel)
         cylinder = past_dead_band(cylinder, arrived, angle + (cylinder - wheel), dead_band)
         state[_CYLINDER + axis] = cylinder
-        state[_SET_POINT + axis] = past_play(wheel, cylinder, play)
+        state[_WHEEL + axis] = state[_SET_POINT + axis] = wheel = past_play(wheel, cylinder, play)
+        if axes[axis, 5] < 1.0 or axes[axis, 6] < 1.0:
+            # the servo turns at (set point - angle) / lag
+            opening = min(max(wheel - angle, -axes[axis, 4]), axes[axis, 4])
+            flow = axes[axis, 5] if opening > 0.0 else axes[axis, 6]
+            state[_SET_POINT + axis] = angle + flow * opening
 
 
 @cached_njit(inline="always")
@@ -193,22 +210,23 @@ def past_play(wheel: float, cylinder: float, play: float) -> float:
 
 
 def _steering_axis(
-    name: str, valve: SteeringValve, timestep: float, stop: float
+    name: str, valve: SteeringValve, timestep: float, steering: Steering
 ) -> tuple[float, ...]:
-    """Return the row of a steering axis in `Actuators.axes`; `stop` is its largest angle [rad]."""
+    """Return the row of a steering axis in `Actuators.axes`."""
     angles_deg = {
         "dead_band": valve.dead_band_deg,
         "backlash": valve.backlash_deg,
         "resolution": valve.resolution_deg,
     }
-    angles = {key: math.radians(value) for key, value in angles_deg.items()}
-    for key, value in angles.items():
-        if value >= stop:
+    for key, value in angles_deg.items():
+        if value >= steering.limit_deg:
             raise InvalidPlant(
-                f"actuators.{name}.{key}_deg: got {angles_deg[key]:g}, "
-                f"must be below the stop at {math.degrees(stop):g}"
+                f"actuators.{name}.{key}_deg: got {value:g}, "
+                f"must be below the stop at {steering.limit_deg:g}"
             )
-    return (_delay(name, valve, timestep), *angles.values())
+    angles = (*angles_deg.values(), steering.rate_degps * steering.lag_s)
+    flows = valve.flow_left, valve.flow_right
+    return (_delay(name, valve, timestep), *map(math.radians, angles), *flows)
 
 
 def _delay(name: str, valve: SteeringValve | HydrostatValve, timestep: float) -> int:

@@ -194,7 +194,7 @@ def soil_steps(
         clock: (1,) `clock()`; 0 meanwhile.
         timer: its value afterwards.
         timestep, time: of the physics, at the start [s].
-        valves, valve_state: of `move_valves`, (0, 4) where the set points are the command.
+        valves, valve_state: of `move_valves`, (0, 7) where the set points are the command.
         command: (3,) held over the steps.
         stride: number of physics steps to each stop.
         rows, poses, tools: arrays of `Moments`; one is written at each stop.

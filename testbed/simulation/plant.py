@@ -42,7 +42,7 @@ from .moment import moment_arguments, write_moment
 
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_NO_VALVES: Final = np.zeros((0, 4)), np.zeros(0)
+_NO_VALVES: Final = np.zeros((0, 7)), np.zeros(0)
 _SETTLE_CHUNK_S: Final = 0.1  # between comparisons of the wheel loads
 _SETTLE_CHUNKS: Final = 30  # largest number of comparisons
 _BALANCE: Final = 0.02  # largest difference of the ground's force to the weight, over the weight
@@ -122,9 +122,10 @@ class Plant:
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
         steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
         self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
-        front_stop, trailer_stop = (float(joint.range[1]) for joint in steering)
         self.actuators: CommandPath = Actuators(
-            actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
+            actuators or ActuatorSpecification(),
+            timestep_s,
+            (vehicle.front_steering, vehicle.trailer_steering),
         )
         self._valves: Any = self.actuators.start(hp=0.0)
 

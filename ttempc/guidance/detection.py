@@ -88,13 +88,13 @@ class DetectorIndex(IntEnum):
     MOTION = 10
     WHEELS = 11
     INNOVATIONS = 12  # of GNSS tractor, GNSS trailer, hitch, encoder
-    HITCH = 16
-    POSITION = 17
-    DRIFT = 18
+    HITCH = 16  # against the motion of both bodies
+    POSITION = 17  # against dead reckoning
+    DRIFT = 18  # of both receivers
 
 
 _COUNT: Final = 19  # detectors
-_GO_ON, _SLOW, _STOP_ON_PATH, _STOP = map(float, Reaction)
+_GO_ON, _SLOW, _STOP_ON_PATH = map(float, (Reaction.GO_ON, Reaction.SLOW, Reaction.STOP_ON_PATH))
 _ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
 _SATURATION: Final = 1.5  # limits at which a sum saturates: an alarm ends soon after its cause
 
@@ -807,15 +807,17 @@ _ANGLES: Final = "front steering angle", "trailer steering angle"
 _OTHERS: Final = "GNSS of the tractor", "GNSS of the trailer", "hitch angle", "encoder"
 _VALVES: Final = "front steering", "trailer steering"
 # By detector: name, limit, reaction, reason. A valve that stands still slows the vehicle down until
-# it is known whether it is stuck. The steering angles have detectors of their own, since a dead
-# time that was not learnt yet makes their innovations large. Innovations of the others grow with a
-# fault of the sensor, and as much with wrong lengths or an assumed noise that is too small: the
-# vehicle goes on, and learns.
+# it is known whether it is stuck. One that is slow steers better than one that is held. The
+# steering angles have detectors of their own, since a dead time that was not learnt yet makes their
+# innovations large. Innovations of the others grow with a fault of the sensor, and as much with
+# wrong lengths or an assumed noise that is too small: the vehicle goes on, and learns.
 _TABLE = [
     (f"readings of the {what}", _REPETITIONS, _GO_ON, f"{what} repeats one reading: not used")
     for what in (*_OTHERS[:2], *_ANGLES, *_OTHERS[2:])
 ]
-_TABLE += [(what, _STEERING, _STOP, f"{what} does not follow its command") for what in _VALVES]
+_TABLE += [
+    (what, _STEERING, _STOP_ON_PATH, f"{what} does not follow its command") for what in _VALVES
+]
 _TABLE += [
     (f"{what} at standstill", _STANDSTILL, _SLOW, f"{what} stands still against its command")
     for what in _VALVES

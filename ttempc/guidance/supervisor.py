@@ -477,7 +477,7 @@ class Supervisor:
       then stop. Both end as soon as the position is known again. An estimator that reports no
       innovation of GNSS is judged by its time stamps and its covariance alone.
     - An alarm of a detector (`ttempc.guidance.detection`): reported, half speed, or a stop until
-      its cause has ended, in which the controller steers unless the steering is the cause. After a
+      its cause has ended, in which the controller steers where the alarm lets it. After a
       jump or a drift of the position that lasts, only `resume` ends it.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
       hold there.

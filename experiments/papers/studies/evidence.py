@@ -490,7 +490,8 @@ def _mutations(runner: Runner) -> str:
     tasks = [(name, machine) for name in used for machine in wrong]
     out: dict[Machine, list[str]] = {machine: [] for machine in wrong}
     for (_, machine), items in zip(tasks, runner.map(measure, tasks), strict=True):
-        out[machine] += [item.name for item in items if item.name in own and not item.inside]
+        moved = ("below", "above")  # a machine that is refused has no figure
+        out[machine] += [item.name for item in items if item.name in own and item.verdict in moved]
     return mutation_table([*own], out)
 
 
@@ -504,7 +505,11 @@ def mutation_table(inside: Sequence[str], out: Mapping[Machine, Sequence[str]]) 
     most: dict[str, list[Sequence[str]]] = {}
     for machine, rows in out.items():
         most.setdefault(machine.constant, []).append(rows)
-    largest = [max(map(len, both)) for both in most.values()]
+    largest = {name: max(map(len, both)) for name, both in most.items()}
+
+    def of_size(least: int, below: int) -> list[str]:
+        return [f"`{name}`" for name, count in largest.items() if least <= count < below]
+
     fail = [", ".join(_signed(each) for each, rows in out.items() if row in rows) for row in inside]
     return "\n\n".join(
         [
@@ -512,9 +517,17 @@ def mutation_table(inside: Sequence[str], out: Mapping[Machine, Sequence[str]]) 
                 ["row inside its band", "could fail: constants 30 % too large (+) or small (−)"],
                 [[row, cause or "no constant"] for row, cause in zip(inside, fail, strict=True)],
             ),
-            f"Of {len(most)} main constants, wrong by 30 %, "
-            f"{sum(count >= 3 for count in largest)} turn at least three rows out, "
-            f"{sum(0 < count < 3 for count in largest)} one or two, {largest.count(0)} none.",
+            "\n".join(
+                f"- {head}: {', '.join(names) or 'none'}."
+                for head, names in (
+                    (
+                        f"Of {len(largest)} main constants, turn three rows or more out",
+                        of_size(3, 99),
+                    ),
+                    ("turn one or two out", of_size(1, 3)),
+                    ("turn none out", of_size(0, 1)),
+                )
+            ),
         ]
     )
 
@@ -545,7 +558,7 @@ def _held(items: Sequence[Evidence]) -> str:
 
 
 def _signed(machine: Machine) -> str:
-    return f"{machine.constant.split('.')[-1]} {'+' if machine.factor > 1.0 else '−'}"
+    return f"{machine.constant.partition('.')[2]} {'+' if machine.factor > 1.0 else '−'}"
 
 
 def _notes(items: Sequence[Evidence], letter: str) -> list[str]:

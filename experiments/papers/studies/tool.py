@@ -9,7 +9,7 @@ _SEEDS: Final = tuple(range(9501, 9521))  # 21 to 40 were those of tuning
 
 CONTROLLERS: Final = {
     **{
-        f"`{name}`": (f'controller.name="{name}"',) for name in ("ttempc", "pid", "lqr", "nmpc-rti")
+        f"`{name}`": (f'controller.name="{name}"',) for name in ("ttempc", "nmpc-rti", "lqr", "pid")
     },
     "`ttempc`, `guided = axle`": ('controller.options.guided="axle"',),
 }

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import InvalidReplay
+from proving_ground.experiments.logs import calibrate as module
 from proving_ground.experiments.run.simulate import run
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.vehicle.vehicle import DEFAULT_VEHICLE, read_vehicle
 
 from tests.experiments.conftest import STRAIGHT
+from ttempc.learning.lengths import LengthFit
 
 WRONG = [
     "controller.vehicle.wheelbase_m=1.74",
@@ -54,6 +57,22 @@ def test_the_lengths_of_the_plant_are_found_and_a_scenario_can_name_them(log, tm
     assert "fitted to" in vehicle.read_text()
     load("grass", [f"plant.vehicle.file='{vehicle}'"])
     assert main(["fit", "vehicle", str(log), "-o", str(vehicle)]) == 2  # exists
+
+
+def test_a_hitch_that_no_vehicle_can_have_gives_way_along_the_covariance(log, monkeypatch):
+    best, sd = np.array([1.4, 0.17, 0.93, 1.3]), 0.06  # with it the drawbar meets the rear wheels
+    covariance = np.diag([1e-4, sd**2, sd**2, 1e-4])
+    covariance[1, 2] = covariance[2, 1] = -(sd**2)  # their sum is known
+    fit = LengthFit(best, covariance, 0.0)
+    monkeypatch.setattr(module, "fit_lengths", lambda *arguments: fit)
+    found = module.calibrate(log)
+    after = np.array([item.after for item in found.changes])
+    assert 0.0 < found.moved_sd <= 2.0
+    np.testing.assert_allclose(after - best, found.moved_sd * sd * np.array([0, 1, -1, 0]))
+    assert f"hitch {found.moved_sd:.1f} sd" in found.format()[-1]
+    monkeypatch.setattr(module, "_MOST_SD", found.moved_sd - 0.1)  # less makes no vehicle
+    with pytest.raises(InvalidReplay, match="make no vehicle"):
+        module.calibrate(log)
 
 
 def test_a_log_without_curves_or_too_short_is_refused_in_one_line(tmp_path, capsys):

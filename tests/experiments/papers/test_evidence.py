@@ -35,7 +35,8 @@ def test_only_two_sided_rows_count_and_say_what_turns_them_out():
     table = evidence.mutation_table(["one", "four"], {low: ["one"], high: []})
     assert "| one | side − |" in table
     assert "| four | no constant |" in table
-    assert "Of 1 main constants, wrong by 30 %, 0 turn at least three rows out, 1 one or" in table
+    assert "Of 1 main constants, turn three rows or more out: none." in table
+    assert "turn one or two out: `law.side`." in table
 
 
 def test_every_constant_is_one_of_the_plant_and_changes_it():

@@ -26,7 +26,7 @@ from tests.experiments.study_files import CONTROLLERS, SHORT
 
 STRAIGHT = "path={kind='straight',length_m=4}"
 # On tuning seeds, slow ones, or not yet on a page
-PRINTED_ONLY = {"detector-limits", "corridor-options", "evidence-mutations", "receivers"}
+PRINTED_ONLY = {"detector-limits", "corridor-options"}
 
 
 @pytest.fixture

@@ -15,19 +15,19 @@ from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.vehicle.vehicle import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import Steering, read_vehicle
 from pydantic import ValidationError
 
 from ttempc.types import Command
 
 TIMESTEP_S = 0.002
-STOPS = (math.radians(35.0), math.radians(25.0))
+STEERING = (Steering(35.0, 45.0, 0.2), Steering(25.0, 30.0, 0.3))
 DEG = math.pi / 180.0
 OLD = SteeringValve(dead_time_s=0.15, dead_band_deg=0.5, backlash_deg=1.0)
 
 
 def path(timestep=TIMESTEP_S, **specification):
-    return Actuators(ActuatorSpecification(**specification), timestep, STOPS)
+    return Actuators(ActuatorSpecification(**specification), timestep, STEERING)
 
 
 def driven(actuators, commands, lag_s=0.0, hp=0.0):
@@ -115,8 +115,25 @@ def test_commands_are_rounded_to_the_resolution():
     assert np.abs(sent - commands).max() <= 0.5 * step + 1e-12
 
 
+def test_an_axis_turns_to_each_side_at_its_share_of_lag_and_largest_rate():
+    lag = STEERING[0].lag_s
+    actuators = path(front=SteeringValve(flow_left=1.0, flow_right=0.6))
+    for flow, sign in ((1.0, 1.0), (0.6, -1.0)):
+        for goal, steps in ((1.0, 500), (30.0, 100)):  # [deg]; the valve is not, and is fully open
+            commands = front([sign * goal * DEG] * steps)
+            angle = np.zeros(steps + 1)  # of the servo, as in `driven`
+            for k, point in enumerate(driven(actuators, commands, lag_s=lag)[:, 0] * sign / DEG):
+                angle[k + 1] = angle[k] + TIMESTEP_S / lag * (point - angle[k])
+            time_s = TIMESTEP_S * np.arange(steps + 1)
+            if goal == 1.0:
+                np.testing.assert_allclose(angle, 1.0 - np.exp(-flow * time_s / lag), atol=0.005)
+            else:
+                rate = np.diff(angle) / TIMESTEP_S
+                np.testing.assert_allclose(rate, flow * STEERING[0].rate_degps, rtol=1e-9)
+
+
 def test_impossible_valves_are_refused_by_their_keys():
-    keys = ("dead_time_s", "dead_band_deg", "backlash_deg", "resolution_deg")
+    keys = ("dead_time_s", "dead_band_deg", "backlash_deg", "resolution_deg", "flow_left")
     for name, value in [*((key, bad) for key in keys for bad in (-0.1, math.nan)), (keys[0], 2.1)]:
         with pytest.raises(ValidationError, match=name):
             SteeringValve(**{name: value})

@@ -8,6 +8,7 @@ from proving_ground.testbed.actuation.actuators import Actuators, ActuatorSpecif
 from proving_ground.testbed.faults.fault import Window
 from proving_ground.testbed.faults.faulty import FaultyActuators
 from proving_ground.testbed.faults.kinds import KINDS
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 
 from ttempc.types import Command
 
@@ -26,7 +27,9 @@ def set_points(*faults):
     """Return the set points (n, 3) for perfect servos, with faults from 0.2 to 0.6 s."""
     window = Window(START_S, END_S)
     tables = [KINDS[keys["kind"]](start_s=START_S, **keys) for keys in faults]
-    path = Actuators(ActuatorSpecification(), DT, STOPS)
+    vehicle = read_vehicle()
+    steering = vehicle.front_steering, vehicle.trailer_steering
+    path = Actuators(ActuatorSpecification(), DT, steering)
     actuators = FaultyActuators(path, [(table, window) for table in tables], DT, STOPS)
     state, rows = actuators.start(0.5), []
     for time_s in TIMES:

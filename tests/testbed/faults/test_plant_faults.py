@@ -47,13 +47,13 @@ def test_the_moment_of_a_shifted_load_is_carried_by_the_trailers_wheels(plant, s
 
 def test_a_flat_tyre_lowers_its_side(plant, standing):
     effect = attached(plant, kind="tyre_flat", wheel="trailer_left", stiffness_factor=1.0)
-    # 4 s: the vehicle, aside on tyres that give, swings back for about 3 s
+    # Roll and sway of the loaded trailer have 1.2 Hz and a damping ratio of 0.14: 1 % after 4 s.
     effect(1.0)
     roll = at_rest(plant, 2000).trailer.roll
     effect(0.0)
     expected = -0.05 / SMALL.trailer.track_m  # the loss of radius over the track
-    assert roll - standing.trailer.roll == pytest.approx(expected, rel=0.1)
-    assert at_rest(plant, 2000).trailer.roll == pytest.approx(standing.trailer.roll, abs=1e-3)
+    assert roll - standing.trailer.roll == pytest.approx(expected, rel=0.06)
+    assert at_rest(plant, 2000).trailer.roll == pytest.approx(standing.trailer.roll, abs=5e-4)
 
 
 def test_a_free_cylinder_has_no_torque(plant, standing):

@@ -245,7 +245,8 @@ def test_the_height_of_the_load_is_from_the_ground_and_its_underside_above_the_f
             "the trailer_(left|right) tyre is pressed flat on its rim.* times its rated load",
         ),
         (GROUNDED, 0.0, "the front_axle touches the ground"),
-        (STEEP, 1500.0, "the (trailer.* touches the ground|vehicle does not come to rest)"),
+        # the trailer, on two wheels, tips over, so slowly that it is not down when the time is up
+        (STEEP, 1500.0, "the vehicle does not come to rest on its wheels: the ground carries 1"),
     ],
 )
 def test_a_vehicle_that_does_not_stand_on_its_wheels_is_refused(ground, kg, cause):

@@ -256,7 +256,7 @@ def test_a_stuck_valve_is_noticed_within_a_second_of_a_command_that_leaves_it():
         alarm = monitor.alarm(k, angles(k, lambda t: 0.0, rng), Command(command, 0.0, 0.7))
         noticed += [k] if alarm else []
     assert 50 < noticed[0] <= 50 + round(1.0 / PERIOD_S)
-    assert alarm.reaction is Reaction.STOP
+    assert alarm.reaction is Reaction.STOP_ON_PATH
 
 
 def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
