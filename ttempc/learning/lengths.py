@@ -59,7 +59,7 @@ def replay(
     Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
     of the sample, command (3,) of the span, number of integration steps, block. `parameters` and
     `moment` are those of the filter; a sample beyond its gate is used with its noise raised until
-    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 15) their
+    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 16) their
     parameters. J' J and J' r of the whitened innovations r and their derivatives J by the steps of
     the parameters are added to `normal` (p, p) and, by block, to `gradients` (blocks, p).
     """
@@ -147,6 +147,7 @@ _GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
 _SLIP: Final = 0.03  # relative tolerance of what tyres can feign, see `_tolerance`; assumed
 _N: Final = len(LENGTHS)
 _CHANGE_M: Final = 0.03  # the same of the turning offset, whose effect is as its own; assumed
+_TURN_M: Final = 0.01  # its change below which nothing is exchanged: its prior is in it; assumed
 _CHANGE: Final = 0.02  # relative change of the lengths below which nothing is exchanged; assumed
 _REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
 KNOWN_SD: Final = 0.05
@@ -183,7 +184,7 @@ class LengthIdentifier:
             lengths = np.append(given[:_N], (lengths + covariance[:, :_N] @ by_lengths)[_N:])
         settled &= bool((sd[_N:] < _CHANGE_M).all())
         change = lengths - present
-        turned = bool((np.abs(change) > np.maximum(_CHANGE_M, sd))[_N:].any())
+        turned = bool((np.abs(change[_N:]) > _TURN_M).any())
         if np.linalg.norm(change[:_N] / given[:_N]) < _CHANGE and not turned:
             return Identification(vehicle, (), settled)
         rows = zip(_names(vehicle), present.tolist(), lengths.tolist(), sd.tolist(), strict=True)
