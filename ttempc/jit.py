@@ -82,6 +82,7 @@ def cached_njit(
     another module has changed. The key of this cache includes the `fingerprint` of the function.
     A process that compiles says so in a line of the logger `ttempc`. Where numba finds no folder
     that it can write to, kernels are compiled anew in every process, and the line says that.
+    A kernel has nothing of what `_Compiler` leaves out: numba's error would not say so.
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:

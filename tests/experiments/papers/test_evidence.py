@@ -36,7 +36,7 @@ def test_only_two_sided_rows_count_and_say_what_turns_them_out():
     assert "| one | side − |" in table
     assert "| four | no constant |" in table
     assert "Of 1 main constants, turn three rows or more out: none." in table
-    assert "turn one or two out: `law.side`." in table
+    assert "turn not one out: none." in table
 
 
 def test_every_constant_is_one_of_the_plant_and_changes_it():
