@@ -92,12 +92,12 @@ class SensedDrive:
                 augmented,
                 self._valves,
                 command.as_array(),
-                vehicle_parameters(VEHICLE),
+                vehicle_parameters(VEHICLE, True),
                 noise.fading(SensorNoise()).ravel(),
                 step_s,
                 unused,
             )
-            entries = int(AugmentedState.OFFSET_I)  # the drive has neither offsets nor gyros
+            entries = int(AugmentedState.OFFSET_HITCH)  # the drive has neither offsets nor gyros
             density = density[:entries, :entries]
             root = np.linalg.cholesky(density * step_s + 1e-24 * np.eye(entries))
             augmented[:entries] += root @ self._generator.standard_normal(entries)
@@ -111,7 +111,7 @@ class SensedDrive:
     ) -> list[Measurement]:
         samples = []
         for sensor in sensors:
-            value, _ = predicted_measurement(sensor, augmented, VEHICLE)
+            value, _ = predicted_measurement(sensor, augmented, VEHICLE, True)
             sd = self.sensor_scale * SensorNoise().of(sensor)
             value = value + sd * self._generator.standard_normal(len(value))
             samples.append(Measurement(time_s, sensor, tuple(value.tolist())))

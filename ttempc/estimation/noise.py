@@ -162,6 +162,8 @@ class ProcessNoise:
     # Fixed
     drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
+    joint: float = 0.0005  # what loads turn RJ2 beside its set point, at the start [rad]; assumed
+    joint_walk: float = 0.0003  # random walk of it at a factor GROUND of 1 [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
     side_per_slope: float = 0.0  # side slip on the slope that IMUs show [rad/rad]; 0: not used
@@ -231,6 +233,8 @@ class ProcessNoise:
             for half, rate in zip(deviations, sensors.gnss_forgets, strict=True):
                 half[0, entries] = math.sqrt(2.0 * variance * rate)  # Gelb 1974, sec. 3.6
         per_metre[0, [state.OFFSET_I, state.OFFSET_HITCH]] = _OFFSET_WALK * sensors.angle_offset
+        if not sensors.angle_offset:
+            ground[state.OFFSET_I] = self.joint_walk
         if sensors.yaw_rate:
             per_second[0, [state.GYRO_T, state.GYRO_I]] = sensors.yaw_rate_walk
         return np.square(deviations)

@@ -50,18 +50,23 @@ def near(augmented, generator):
     )
 
 
-def test_compiled_rate_and_jacobian_are_those_of_the_plain_model():
-    generator = np.random.default_rng(71)
+@pytest.mark.parametrize("joint", [False, True])
+def test_compiled_rate_and_jacobian_are_those_of_the_plain_model(joint):
+    generator, parameters = np.random.default_rng(71), vehicle_parameters(VEHICLE, joint)
     for _ in range(20):
         augmented = random_augmented(generator)
         inputs = near(augmented, generator)
         rate, jacobian = np.zeros(7), np.zeros((7, SIZE))
-        state_rate(augmented, inputs, PARAMETERS, rate)
-        state_rate_jacobian(augmented, inputs, PARAMETERS, jacobian)
-        plain = augmented_rate(augmented, inputs, VEHICLE)
-        np.testing.assert_allclose(rate, plain[:7], atol=1e-12)
-        assert not plain[7:].any()
-        numeric = central_differences(lambda x, u=inputs: augmented_rate(x, u, VEHICLE), augmented)
+        state_rate(augmented, inputs, parameters, rate)
+        state_rate_jacobian(augmented, inputs, parameters, jacobian)
+
+        def plain(x, u=inputs):  # a joint beside its set point: its command is another
+            beside = joint * x[AugmentedState.OFFSET_I]
+            return augmented_rate(x, u + np.array([0.0, beside, 0.0]), VEHICLE)
+
+        np.testing.assert_allclose(rate, plain(augmented)[:7], atol=1e-12)
+        assert not plain(augmented)[7:].any()
+        numeric = central_differences(plain, augmented)
         np.testing.assert_allclose(jacobian, numeric[:7], atol=2e-8)
 
 
@@ -244,7 +249,7 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
     def run(factor):
         generator = np.random.default_rng(77)
         augmented = random_augmented(generator)
-        augmented[AugmentedState.OFFSET_I : AugmentedState.GYRO_T] = 0.0  # sensors without any
+        augmented[AugmentedState.OFFSET_I : AugmentedState.GYRO_T] = 0.0  # neither of them
         augmented[7:] = 0.0
         noise = ProcessNoise(**{name: factor}, scale_sd=1e-4, scale_walk=1e-12)
         now = Plain(samples(augmented, generator, 0.0), SensorNoise(), noise, 1e-12)
@@ -254,7 +259,7 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
             now.predict(command, 0.04)
             augmented += 0.04 * augmented_rate(augmented, command, VEHICLE)
             for sample in samples(augmented, generator, 0.04 * k):
-                by = predicted_measurement(sample.sensor, now.augmented[0], VEHICLE)[1]
+                by = predicted_measurement(sample.sensor, now.augmented[0], VEHICLE, True)[1]
                 variance = SensorNoise().of(sample.sensor) ** 2
                 spread = by @ now.covariances[0] @ by.T + variance * np.eye(len(by))
                 normalised, *_ = now.correct(sample)

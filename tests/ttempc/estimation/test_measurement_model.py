@@ -45,17 +45,18 @@ def readings(state, noise=None, generator=None):
     return samples
 
 
+@pytest.mark.parametrize("joint", [False, True])
 @pytest.mark.parametrize("sensor", LENGTH)
-def test_jacobians(sensor):
+def test_jacobians(sensor, joint):
     generator = np.random.default_rng(61)
     for _ in range(20):
         augmented = np.concatenate(
             [random_state(generator), 0.1 * generator.normal(size=SIZE - STATES)]
         )
         numeric = central_differences(
-            lambda x: predicted_measurement(sensor, x, VEHICLE)[0], augmented
+            lambda x: predicted_measurement(sensor, x, VEHICLE, joint)[0], augmented
         )
-        reading, exact = predicted_measurement(sensor, augmented, VEHICLE)
+        reading, exact = predicted_measurement(sensor, augmented, VEHICLE, joint)
         np.testing.assert_allclose(exact, numeric, atol=1e-6)
         assert len(exact) == len(reading) == LENGTH[sensor]
 
