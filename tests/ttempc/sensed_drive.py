@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tests.reference.estimation.augmented_state import slips
+from tests.reference.estimation.augmented_state import density, predicted_measurement, slips
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.guidance.controllers import make_controller
@@ -17,7 +17,6 @@ from ttempc.models.augmented_state import (
     STATES,
     AugmentedState,
     advance_augmented_state,
-    predicted_measurement,
     vehicle_parameters,
 )
 from ttempc.models.rows import WIDTH
@@ -87,7 +86,7 @@ class SensedDrive:
         measurements = []
         augmented, unused = augmented.copy(), np.empty((SIZE, WIDTH))
         for j in range(1, SUBSTEPS + 1):
-            density = noise.density(augmented, noise.scales, VEHICLE, SensorNoise())
+            added = density(noise, augmented, noise.scales, VEHICLE, SensorNoise())
             advance_augmented_state(
                 augmented,
                 self._valves,
@@ -98,8 +97,8 @@ class SensedDrive:
                 unused,
             )
             entries = int(AugmentedState.OFFSET_HITCH)  # the drive has neither offsets nor gyros
-            density = density[:entries, :entries]
-            root = np.linalg.cholesky(density * step_s + 1e-24 * np.eye(entries))
+            added = added[:entries, :entries]
+            root = np.linalg.cholesky(added * step_s + 1e-24 * np.eye(entries))
             augmented[:entries] += root @ self._generator.standard_normal(entries)
             sensors = FAST if j % FAST_EVERY == 0 else ()
             sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors

@@ -166,6 +166,7 @@ class ProcessNoise:
     joint_walk: float = 0.0003  # random walk of it at a factor GROUND of 1 [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
+    front_on_soil: float = 0.0  # side slip of the front axle by that of the rear one and wheel slip
     side_per_slope: float = 0.0  # side slip on the slope that IMUs show [rad/rad]; 0: not used
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
@@ -247,23 +248,3 @@ class ProcessNoise:
             fading[:, of_gnss : of_gnss + 2] = np.array(sensors.gnss_forgets)[:, None]
         fading[1, :of_gnss] = [1.0 / self.body_fading_m] * 5 + [1.0 / self.map_fading_m] * 4
         return fading
-
-    def density(
-        self, augmented: FloatArray, scales: FloatArray, vehicle: Vehicle, sensors: SensorNoise
-    ) -> FloatArray:
-        """Return the covariance that an augmented state (24,) gathers per second, (24, 24).
-
-        At the factors `scales` (3,). A joint RJ2 that turns by w beside its model turns the trailer
-        by -w d cos(delta_i) / (L_i + d cos(delta_i)), as in `ttempc.models.kinematics.articulated`.
-        """
-        psi_t, delta_i = augmented[AugmentedState.PSI_T], augmented[AugmentedState.DELTA_I]
-        per_second, per_metre = self.rates(sensors)
-        speed = abs(augmented[AugmentedState.RIM])
-        density = np.diag(np.array([1.0, *scales]) @ (per_second + speed * per_metre))
-        acts_on = np.eye(SIZE)
-        acts_on[:2, :2] = [[np.cos(psi_t), -np.sin(psi_t)], [np.sin(psi_t), np.cos(psi_t)]]
-        drawbar = vehicle.drawbar_length * math.cos(delta_i)
-        acts_on[AugmentedState.PSI_I, AugmentedState.DELTA_I] = -drawbar / (
-            vehicle.trailer_length + vehicle.trailer_turning_offset + drawbar
-        )
-        return acts_on @ density @ acts_on.T

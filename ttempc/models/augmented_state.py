@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from ..errors import UnknownSensor
 from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE
 from ..types import (
@@ -123,7 +122,8 @@ def write_estimate(
     wheel = x[AugmentedState.WHEEL] + gear * (cx * cos + cy * sin)
     slip_by_heading = gear * (cy * cos - cx * sin)  # ds / d(psi_t)
     v = rim * (1.0 - wheel)
-    bias = x[AugmentedState.STEERING]
+    slip_t = x[AugmentedState.SLIP_T] + gear * (gy * cos - gx * sin)
+    bias = x[AugmentedState.STEERING] + parameters[VehicleParameter.SOIL] * slip_t * wheel
     yaw_rate = v * math.tan(x[AugmentedState.DELTA_T] + bias)
     yaw_rate /= parameters[VehicleParameter.WHEELBASE]
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
@@ -135,7 +135,7 @@ def write_estimate(
     e.trailer_xy[0] = x[0] - a * cos - d * math.cos(psi_d) - length_i * cos_i
     e.trailer_xy[1] = x[1] - a * sin - d * math.sin(psi_d) - length_i * sin_i
     e.hitch_angle = psi_t - psi_i - delta_i
-    e.disturbance[Disturbance.SLIP_T] = x[AugmentedState.SLIP_T] + gear * (gy * cos - gx * sin)
+    e.disturbance[Disturbance.SLIP_T] = slip_t
     e.disturbance[Disturbance.SLIP_I] = x[AugmentedState.SLIP_I] + gear * (gy * cos_i - gx * sin_i)
     e.disturbance[Disturbance.STEERING] = bias
     slip_rate = slip_by_heading * yaw_rate  # s' [1/s]
@@ -188,6 +188,7 @@ class VehicleParameter(IntEnum):
     DEAD_TIME_HP = 13
     REVERSE = 14  # 1 or 0
     JOINT = 15  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
+    SOIL = 16  # likewise: slip angle of the front wheels by that of the rear ones and wheel slip
 
 
 class SensorIndex(IntEnum):
@@ -203,12 +204,12 @@ class SensorIndex(IntEnum):
     IMU_TRAILER = 7
 
 
-def vehicle_parameters(vehicle: Vehicle, joint: bool = False) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (16,), SI units."""
-    return np.array([getattr(vehicle, name, joint) for name in _PARAMETERS], dtype=float)
+def vehicle_parameters(vehicle: Vehicle, joint: bool = False, soil: float = 0.0) -> FloatArray:
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (17,), SI units."""
+    return np.array([*(getattr(vehicle, name) for name in _PARAMETERS), joint, soil], dtype=float)
 
 
-_PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
+_PARAMETERS: Final = tuple(item.name.lower() for item in VehicleParameter)[: VehicleParameter.JOINT]
 
 
 @cached_njit(error_model="numpy")
@@ -248,12 +249,14 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     cx, cy = gear * x[AugmentedState.CLIMB_X], gear * x[AugmentedState.CLIMB_Y]
     slip_t = x[AugmentedState.SLIP_T] - gx * sin_t + gy * cos_t
     slip_i = x[AugmentedState.SLIP_I] - gx * math.sin(psi_i) + gy * math.cos(psi_i)
-    v = rim * (1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t)
+    wheel = x[AugmentedState.WHEEL] + cx * cos_t + cy * sin_t
+    v = rim * (1.0 - wheel)
     lam = psi_t - psi_i
     cos_l, cos_i = math.cos(lam), math.cos(delta_i)
     rate_t, _ = _steering(x, inputs, parameters, 0)
     rate_i, _ = _steering(x, inputs, parameters, 1)
-    yaw_t = v * math.tan(delta_t + x[AugmentedState.STEERING]) / wheelbase
+    bias = x[AugmentedState.STEERING] + parameters[VehicleParameter.SOIL] * slip_t * wheel
+    yaw_t = v * math.tan(delta_t + bias) / wheelbase
     across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
     steady_rim = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
@@ -292,7 +295,8 @@ def state_rate_jacobian(
     sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
     _, gain_t = _steering(x, inputs, parameters, 0)
     rate_i, gain_i = _steering(x, inputs, parameters, 1)
-    angle = delta_t + x[AugmentedState.STEERING]
+    soil = parameters[VehicleParameter.SOIL]
+    angle = delta_t + x[AugmentedState.STEERING] + soil * slip_t * (1.0 - speed_ratio)
     yaw_t_v = math.tan(angle) / wheelbase
     yaw_t_delta = v / (wheelbase * math.cos(angle) ** 2)
     arm = length_i + d * cos_i
@@ -327,7 +331,8 @@ def state_rate_jacobian(
     by_v = (cos_t - slip_t * sin_t, sin_t + slip_t * cos_t, yaw_t_v, yaw_i_v)
     by_slip_t = (-v * sin_t, v * cos_t, 0.0, v * cos_l / arm)
     by_slip_i = -v / arm
-    v_psi = rim * (cx * sin_t - cy * cos_t)
+    ratio_psi = cx * sin_t - cy * cos_t
+    v_psi = rim * ratio_psi
     slip_t_psi = -gx * cos_t - gy * sin_t
     for row in range(4):  # x, y, psi_t, psi_i
         jacobian[row, AugmentedState.PSI_T] += by_v[row] * v_psi + by_slip_t[row] * slip_t_psi
@@ -338,6 +343,16 @@ def state_rate_jacobian(
         jacobian[row, AugmentedState.SIDE_Y] = gear * by_slip_t[row] * cos_t
         jacobian[row, AugmentedState.CLIMB_X] = -gear * by_v[row] * rim * cos_t
         jacobian[row, AugmentedState.CLIMB_Y] = -gear * by_v[row] * rim * sin_t
+    for row in range(State.PSI_T, State.DELTA_T):  # through the front axle on soft soil
+        by_slip = yaw_t_delta if row == State.PSI_T else yaw_i_delta_t
+        by_wheel, by_slip = by_slip * soil * slip_t, by_slip * soil * (1.0 - speed_ratio)
+        jacobian[row, AugmentedState.PSI_T] += by_slip * slip_t_psi - by_wheel * ratio_psi
+        jacobian[row, AugmentedState.SLIP_T] += by_slip
+        jacobian[row, AugmentedState.WHEEL] += by_wheel
+        jacobian[row, AugmentedState.SIDE_X] -= gear * by_slip * sin_t
+        jacobian[row, AugmentedState.SIDE_Y] += gear * by_slip * cos_t
+        jacobian[row, AugmentedState.CLIMB_X] += gear * by_wheel * cos_t
+        jacobian[row, AugmentedState.CLIMB_Y] += gear * by_wheel * sin_t
     jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] += by_slip_i * (-gx * cos_p - gy * sin_p)
     jacobian[AugmentedState.PSI_I, AugmentedState.SLIP_I] = by_slip_i
     jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_X] -= gear * by_slip_i * sin_p
@@ -518,25 +533,3 @@ LENGTH: Final = {
 """Entries of a sample of each sensor with a model, in the order of `SensorIndex`.
 
 Estimators ignore the samples of all others, but for the yaw rates of IMUs."""
-
-ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
-"""Sensors whose readings are angles, equal modulo a turn."""
-
-
-def predicted_measurement(
-    sensor: Sensor, augmented: FloatArray, vehicle: Vehicle, joint: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 24).
-
-    Both at an augmented state (24,). The encoder reads the rim speed, the others geometry.
-
-    Raises:
-        UnknownSensor: the sensor has no model.
-    """
-    if sensor not in LENGTH:
-        raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
-    reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
-    index = int(SensorIndex[sensor.name])  # a plain number, for which `measure` is compiled
-    parameters = vehicle_parameters(vehicle, joint)
-    m = measure(index, augmented, parameters, 0.0, reading, jacobian)
-    return reading[:m], jacobian[:m]

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tests.reference.estimation.augmented_state import augmented_rate, estimate_of
+from tests.reference.estimation.augmented_state import (
+    augmented_rate,
+    density,
+    estimate_of,
+    predicted_measurement,
+)
 from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
 from ttempc.estimation import filter as kernels
@@ -20,7 +25,6 @@ from ttempc.models.augmented_state import (
     AugmentedState,
     SensorIndex,
     advance_augmented_state,
-    predicted_measurement,
     state_rate,
     state_rate_jacobian,
     vehicle_parameters,
@@ -205,7 +209,7 @@ def test_the_filter_is_that_of_the_textbook():
         plain[7:] *= np.exp(step * fading)
         jacobian = central_differences(lambda x: augmented_rate(x, command, VEHICLE), middle)
         transition = expm(step * (jacobian + np.diag([*np.zeros(7), *fading])))
-        added = step * noise.density(middle, noise.scales, VEHICLE, sensors)
+        added = step * density(noise, middle, noise.scales, VEHICLE, sensors)
         covariance = transition @ (covariance + added / 2) @ transition.T + added / 2
         np.testing.assert_allclose(now.augmented[0], plain, atol=1e-6)
         np.testing.assert_allclose(now.covariances[0], covariance, rtol=1e-4, atol=1e-9)

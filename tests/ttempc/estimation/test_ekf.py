@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from tests.reference.estimation.augmented_state import predicted_measurement
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
 from ttempc.estimation import filter as filter_kernels
 from ttempc.estimation.ekf import ExtendedKalmanFilter
@@ -26,7 +27,6 @@ from ttempc.models.augmented_state import (
     SIZE,
     STATES,
     AugmentedState,
-    predicted_measurement,
 )
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
