@@ -8,14 +8,7 @@ import numpy as np
 
 from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE
-from ..types import (
-    Disturbance,
-    FloatArray,
-    Input,
-    MapDisturbance,
-    Sensor,
-    State,
-)
+from ..types import Disturbance, FloatArray, Input, MapDisturbance, Sensor, State
 from ..vehicle import Vehicle
 from .rows import WIDTH, add_row, clear_row, scale_row, set_row
 
@@ -45,7 +38,9 @@ class AugmentedState(IntEnum):
     SIDE_Y = 13  # [rad] north
     CLIMB_X = 14  # wheel slip on the way east
     CLIMB_Y = 15  # wheel slip on the way north
-    GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
+    # [m] half the slow error of the trailer's receiver less the tractor's: east. Without any, half
+    # the way that a slope moves the trailer point against the tractor's: axles differ in height
+    GNSS_X = 16
     GNSS_Y = 17  # [m] north
     # [rad] offset of the sensor of the trailer's steering angle; without any, what loads turn the
     # joint beside its set point. That is a tenth of an offset: one entry for both
@@ -110,7 +105,7 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (16,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (17,).
     """
     e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -122,8 +117,7 @@ def write_estimate(
     wheel = x[AugmentedState.WHEEL] + gear * (cx * cos + cy * sin)
     slip_by_heading = gear * (cy * cos - cx * sin)  # ds / d(psi_t)
     v = rim * (1.0 - wheel)
-    slip_t = x[AugmentedState.SLIP_T] + gear * (gy * cos - gx * sin)
-    bias = x[AugmentedState.STEERING] + parameters[VehicleParameter.SOIL] * slip_t * wheel
+    bias = x[AugmentedState.STEERING]
     yaw_rate = v * math.tan(x[AugmentedState.DELTA_T] + bias)
     yaw_rate /= parameters[VehicleParameter.WHEELBASE]
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
@@ -132,10 +126,12 @@ def write_estimate(
     e.state[State.V] = v
     a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
     length_i = parameters[VehicleParameter.TRAILER_LENGTH]
-    e.trailer_xy[0] = x[0] - a * cos - d * math.cos(psi_d) - length_i * cos_i
-    e.trailer_xy[1] = x[1] - a * sin - d * math.sin(psi_d) - length_i * sin_i
+    slope = 2.0 * parameters[VehicleParameter.SLOPE]
+    moved_x, moved_y = slope * x[AugmentedState.GNSS_X], slope * x[AugmentedState.GNSS_Y]
+    e.trailer_xy[0] = x[0] - a * cos - d * math.cos(psi_d) - length_i * cos_i + moved_x
+    e.trailer_xy[1] = x[1] - a * sin - d * math.sin(psi_d) - length_i * sin_i + moved_y
     e.hitch_angle = psi_t - psi_i - delta_i
-    e.disturbance[Disturbance.SLIP_T] = slip_t
+    e.disturbance[Disturbance.SLIP_T] = x[AugmentedState.SLIP_T] + gear * (gy * cos - gx * sin)
     e.disturbance[Disturbance.SLIP_I] = x[AugmentedState.SLIP_I] + gear * (gy * cos_i - gx * sin_i)
     e.disturbance[Disturbance.STEERING] = bias
     slip_rate = slip_by_heading * yaw_rate  # s' [1/s]
@@ -187,8 +183,9 @@ class VehicleParameter(IntEnum):
     DEAD_TIME_I = 12
     DEAD_TIME_HP = 13
     REVERSE = 14  # 1 or 0
-    JOINT = 15  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
-    SOIL = 16  # likewise: slip angle of the front wheels by that of the rear ones and wheel slip
+    # Of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, `GNSS_X` of a slope
+    JOINT = 15
+    SLOPE = 16
 
 
 class SensorIndex(IntEnum):
@@ -204,12 +201,12 @@ class SensorIndex(IntEnum):
     IMU_TRAILER = 7
 
 
-def vehicle_parameters(vehicle: Vehicle, joint: bool = False, soil: float = 0.0) -> FloatArray:
+def vehicle_parameters(vehicle: Vehicle, joint: bool = False, slope: bool = False) -> FloatArray:
     """Return the parameters of a vehicle in the order of `VehicleParameter`, (17,), SI units."""
-    return np.array([*(getattr(vehicle, name) for name in _PARAMETERS), joint, soil], dtype=float)
+    return np.array([*(getattr(vehicle, name) for name in _OF_VEHICLE), joint, slope], dtype=float)
 
 
-_PARAMETERS: Final = tuple(item.name.lower() for item in VehicleParameter)[: VehicleParameter.JOINT]
+_OF_VEHICLE: Final = [item.name.lower() for item in VehicleParameter][: VehicleParameter.JOINT]
 
 
 @cached_njit(error_model="numpy")
@@ -249,14 +246,12 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     cx, cy = gear * x[AugmentedState.CLIMB_X], gear * x[AugmentedState.CLIMB_Y]
     slip_t = x[AugmentedState.SLIP_T] - gx * sin_t + gy * cos_t
     slip_i = x[AugmentedState.SLIP_I] - gx * math.sin(psi_i) + gy * math.cos(psi_i)
-    wheel = x[AugmentedState.WHEEL] + cx * cos_t + cy * sin_t
-    v = rim * (1.0 - wheel)
+    v = rim * (1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t)
     lam = psi_t - psi_i
     cos_l, cos_i = math.cos(lam), math.cos(delta_i)
     rate_t, _ = _steering(x, inputs, parameters, 0)
     rate_i, _ = _steering(x, inputs, parameters, 1)
-    bias = x[AugmentedState.STEERING] + parameters[VehicleParameter.SOIL] * slip_t * wheel
-    yaw_t = v * math.tan(delta_t + bias) / wheelbase
+    yaw_t = v * math.tan(delta_t + x[AugmentedState.STEERING]) / wheelbase
     across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
     steady_rim = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
@@ -295,8 +290,7 @@ def state_rate_jacobian(
     sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
     _, gain_t = _steering(x, inputs, parameters, 0)
     rate_i, gain_i = _steering(x, inputs, parameters, 1)
-    soil = parameters[VehicleParameter.SOIL]
-    angle = delta_t + x[AugmentedState.STEERING] + soil * slip_t * (1.0 - speed_ratio)
+    angle = delta_t + x[AugmentedState.STEERING]
     yaw_t_v = math.tan(angle) / wheelbase
     yaw_t_delta = v / (wheelbase * math.cos(angle) ** 2)
     arm = length_i + d * cos_i
@@ -331,8 +325,7 @@ def state_rate_jacobian(
     by_v = (cos_t - slip_t * sin_t, sin_t + slip_t * cos_t, yaw_t_v, yaw_i_v)
     by_slip_t = (-v * sin_t, v * cos_t, 0.0, v * cos_l / arm)
     by_slip_i = -v / arm
-    ratio_psi = cx * sin_t - cy * cos_t
-    v_psi = rim * ratio_psi
+    v_psi = rim * (cx * sin_t - cy * cos_t)
     slip_t_psi = -gx * cos_t - gy * sin_t
     for row in range(4):  # x, y, psi_t, psi_i
         jacobian[row, AugmentedState.PSI_T] += by_v[row] * v_psi + by_slip_t[row] * slip_t_psi
@@ -343,16 +336,6 @@ def state_rate_jacobian(
         jacobian[row, AugmentedState.SIDE_Y] = gear * by_slip_t[row] * cos_t
         jacobian[row, AugmentedState.CLIMB_X] = -gear * by_v[row] * rim * cos_t
         jacobian[row, AugmentedState.CLIMB_Y] = -gear * by_v[row] * rim * sin_t
-    for row in range(State.PSI_T, State.DELTA_T):  # through the front axle on soft soil
-        by_slip = yaw_t_delta if row == State.PSI_T else yaw_i_delta_t
-        by_wheel, by_slip = by_slip * soil * slip_t, by_slip * soil * (1.0 - speed_ratio)
-        jacobian[row, AugmentedState.PSI_T] += by_slip * slip_t_psi - by_wheel * ratio_psi
-        jacobian[row, AugmentedState.SLIP_T] += by_slip
-        jacobian[row, AugmentedState.WHEEL] += by_wheel
-        jacobian[row, AugmentedState.SIDE_X] -= gear * by_slip * sin_t
-        jacobian[row, AugmentedState.SIDE_Y] += gear * by_slip * cos_t
-        jacobian[row, AugmentedState.CLIMB_X] += gear * by_wheel * cos_t
-        jacobian[row, AugmentedState.CLIMB_Y] += gear * by_wheel * sin_t
     jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] += by_slip_i * (-gx * cos_p - gy * sin_p)
     jacobian[AugmentedState.PSI_I, AugmentedState.SLIP_I] = by_slip_i
     jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_X] -= gear * by_slip_i * sin_p
@@ -467,11 +450,14 @@ def measure(
     """
     for j in range(jacobian.shape[1]):
         jacobian[0, j] = jacobian[1, j] = 0.0
-    error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
+    share = 1.0 + parameters[VehicleParameter.SLOPE]
     if sensor == SensorIndex.GNSS_TRACTOR:
-        reading[0], reading[1] = x[AugmentedState.X] - error_x, x[AugmentedState.Y] - error_y
+        share -= 2.0
+    error_x, error_y = share * x[AugmentedState.GNSS_X], share * x[AugmentedState.GNSS_Y]
+    if sensor == SensorIndex.GNSS_TRACTOR:
+        reading[0], reading[1] = x[AugmentedState.X] + error_x, x[AugmentedState.Y] + error_y
         jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
-        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = -1.0
+        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = share
         return 2
     if sensor == SensorIndex.GNSS_TRAILER:
         psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -484,7 +470,7 @@ def measure(
         tractor_x, tractor_y = a * math.sin(psi_t), -a * math.cos(psi_t)
         reading[0] = x[AugmentedState.X] + tractor_y + drawbar_y + trailer_y + error_x
         reading[1] = x[AugmentedState.Y] - tractor_x - drawbar_x - trailer_x + error_y
-        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = 1.0
+        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = share
         jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
         jacobian[0, AugmentedState.PSI_T] = tractor_x
         jacobian[1, AugmentedState.PSI_T] = tractor_y

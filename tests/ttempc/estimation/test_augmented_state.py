@@ -22,6 +22,7 @@ from ttempc.models.augmented_state import (
     INITIAL_SD,
     LENGTH,
     SIZE,
+    STATES,
     AugmentedState,
     SensorIndex,
     advance_augmented_state,
@@ -49,9 +50,7 @@ def random_augmented(generator):
 
 def near(augmented, generator):
     """Inputs (3,) near the steering angles, so that no rate is at its limit."""
-    return augmented[AugmentedState.DELTA_T : AugmentedState.RIM + 1] + 0.02 * generator.normal(
-        size=3
-    )
+    return augmented[AugmentedState.DELTA_T : STATES] + 0.02 * generator.normal(size=3)
 
 
 @pytest.mark.parametrize("joint", [False, True])

@@ -12,12 +12,7 @@ from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning
 from ttempc.estimation.filter import first_state
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
-from ttempc.models.augmented_state import (
-    LENGTH,
-    SIZE,
-    STATES,
-    AugmentedState,
-)
+from ttempc.models.augmented_state import LENGTH, SIZE, STATES, AugmentedState
 from ttempc.models.kinematics import articulated
 from ttempc.types import Measurement, State
 from ttempc.vehicle import Vehicle
