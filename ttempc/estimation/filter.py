@@ -798,9 +798,9 @@ def first_moment(
     It is at the newest of them.
     """
     state, covariance = first_state(readings, vehicle, replace(sensors, gnss_white_share=1.0))
-    slow = max(sensors.difference_variance or process.points_on_slope**2, _LEAST_VARIANCE)
+    slow = max(sensors.difference_variance, _LEAST_VARIANCE)
     bias = max(sensors.yaw_rate_bias**2, _LEAST_VARIANCE)
-    offset = max(sensors.angle_offset**2 or process.hitch_on_slope**2, _LEAST_VARIANCE)
+    offset = max(sensors.angle_offset**2, _LEAST_VARIANCE)
     joint = sensors.angle_offset**2 or process.joint**2
     others = [*INITIAL_SD**2, slow, slow, joint, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
     row = np.zeros(ROW)
@@ -834,9 +834,7 @@ def filter_parameters(
     lengths = {sensor: LENGTH.get(sensor, 1) for sensor in Sensor}  # of a gyro, its yaw rate
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
-    f["vehicle"] = vehicle_parameters(
-        vehicle, not sensors.angle_offset, not sensors.difference_variance
-    )
+    f["vehicle"] = vehicle_parameters(vehicle, not sensors.angle_offset)
     f["fading"] = process.fading(sensors).ravel()
     f["rates"] = process.rates(sensors)
     f["walk"], f["gyro_sampling"] = process.scale_walk**2, process.gyro_sampling**2

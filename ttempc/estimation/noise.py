@@ -166,8 +166,6 @@ class ProcessNoise:
     joint_walk: float = 0.0003  # random walk of it at a factor GROUND of 1 [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
-    points_on_slope: float = 0.0
-    hitch_on_slope: float = 0.0
     side_per_slope: float = 0.0  # side slip on the slope that IMUs show [rad/rad]; 0: not used
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
@@ -237,11 +235,6 @@ class ProcessNoise:
         per_metre[0, [state.OFFSET_I, state.OFFSET_HITCH]] = _OFFSET_WALK * sensors.angle_offset
         if not sensors.angle_offset:
             ground[state.OFFSET_I] = self.joint_walk
-        turning = math.sqrt(2.0 / self.map_fading_m)  # of what a slope does
-        if not sensors.angle_offset:
-            per_metre[0, state.OFFSET_HITCH] = turning * self.hitch_on_slope
-        if not sensors.difference_variance:
-            per_metre[0, [state.GNSS_X, state.GNSS_Y]] = turning * self.points_on_slope
         if sensors.yaw_rate:
             per_second[0, [state.GYRO_T, state.GYRO_I]] = sensors.yaw_rate_walk
         return np.square(deviations)

@@ -38,9 +38,7 @@ class AugmentedState(IntEnum):
     SIDE_Y = 13  # [rad] north
     CLIMB_X = 14  # wheel slip on the way east
     CLIMB_Y = 15  # wheel slip on the way north
-    # [m] half the slow error of the trailer's receiver less the tractor's: east. Without any, half
-    # the way that a slope moves the trailer point against the tractor's: axles differ in height
-    GNSS_X = 16
+    GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
     GNSS_Y = 17  # [m] north
     # [rad] offset of the sensor of the trailer's steering angle; without any, what loads turn the
     # joint beside its set point. That is a tenth of an offset: one entry for both
@@ -105,7 +103,7 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (17,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (16,).
     """
     e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -126,10 +124,8 @@ def write_estimate(
     e.state[State.V] = v
     a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
     length_i = parameters[VehicleParameter.TRAILER_LENGTH]
-    slope = 2.0 * parameters[VehicleParameter.SLOPE]
-    moved_x, moved_y = slope * x[AugmentedState.GNSS_X], slope * x[AugmentedState.GNSS_Y]
-    e.trailer_xy[0] = x[0] - a * cos - d * math.cos(psi_d) - length_i * cos_i + moved_x
-    e.trailer_xy[1] = x[1] - a * sin - d * math.sin(psi_d) - length_i * sin_i + moved_y
+    e.trailer_xy[0] = x[0] - a * cos - d * math.cos(psi_d) - length_i * cos_i
+    e.trailer_xy[1] = x[1] - a * sin - d * math.sin(psi_d) - length_i * sin_i
     e.hitch_angle = psi_t - psi_i - delta_i
     e.disturbance[Disturbance.SLIP_T] = x[AugmentedState.SLIP_T] + gear * (gy * cos - gx * sin)
     e.disturbance[Disturbance.SLIP_I] = x[AugmentedState.SLIP_I] + gear * (gy * cos_i - gx * sin_i)
@@ -183,9 +179,7 @@ class VehicleParameter(IntEnum):
     DEAD_TIME_I = 12
     DEAD_TIME_HP = 13
     REVERSE = 14  # 1 or 0
-    # Of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, `GNSS_X` of a slope
-    JOINT = 15
-    SLOPE = 16
+    JOINT = 15  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
 
 
 class SensorIndex(IntEnum):
@@ -201,12 +195,12 @@ class SensorIndex(IntEnum):
     IMU_TRAILER = 7
 
 
-def vehicle_parameters(vehicle: Vehicle, joint: bool = False, slope: bool = False) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (17,), SI units."""
-    return np.array([*(getattr(vehicle, name) for name in _OF_VEHICLE), joint, slope], dtype=float)
+def vehicle_parameters(vehicle: Vehicle, joint: bool = False) -> FloatArray:
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (16,), SI units."""
+    return np.array([getattr(vehicle, name, joint) for name in _PARAMETERS], dtype=float)
 
 
-_OF_VEHICLE: Final = [item.name.lower() for item in VehicleParameter][: VehicleParameter.JOINT]
+_PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
 
 
 @cached_njit(error_model="numpy")
@@ -450,14 +444,11 @@ def measure(
     """
     for j in range(jacobian.shape[1]):
         jacobian[0, j] = jacobian[1, j] = 0.0
-    share = 1.0 + parameters[VehicleParameter.SLOPE]
+    error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
     if sensor == SensorIndex.GNSS_TRACTOR:
-        share -= 2.0
-    error_x, error_y = share * x[AugmentedState.GNSS_X], share * x[AugmentedState.GNSS_Y]
-    if sensor == SensorIndex.GNSS_TRACTOR:
-        reading[0], reading[1] = x[AugmentedState.X] + error_x, x[AugmentedState.Y] + error_y
+        reading[0], reading[1] = x[AugmentedState.X] - error_x, x[AugmentedState.Y] - error_y
         jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
-        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = share
+        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = -1.0
         return 2
     if sensor == SensorIndex.GNSS_TRAILER:
         psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -470,7 +461,7 @@ def measure(
         tractor_x, tractor_y = a * math.sin(psi_t), -a * math.cos(psi_t)
         reading[0] = x[AugmentedState.X] + tractor_y + drawbar_y + trailer_y + error_x
         reading[1] = x[AugmentedState.Y] - tractor_x - drawbar_x - trailer_x + error_y
-        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = share
+        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = 1.0
         jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
         jacobian[0, AugmentedState.PSI_T] = tractor_x
         jacobian[1, AugmentedState.PSI_T] = tractor_y
