@@ -3,14 +3,12 @@
 The built-in ones are compiled, `observe_monitors`, and remember all in a flat record. Objects with
 names and words are views of it.
 
-The limits of repetitions, steering, motion, wheels and innovations are those at which these
-together give at most one false alarm in ten hours on every shipped scenario, or above, from tuning
-seeds; both steering angles, and both receivers, have the larger one of the two. Those of noise,
-hitch, position and drift are set by hand above what fault-free drives reached; how often they are
-wrong is in the table of false alarms of docs/appendix/faults.md. An allowance is half of the shift
-of a residual that is to be detected, as usual for a cumulative sum (Montgomery, Introduction to
-Statistical Quality Control, ch. 9). The shifts are assumed: a steering angle 2.5 deg off its
-command, and a speed that is 0.6 m/s, in the case of motion 0.7 m/s, off.
+The limits of repetitions, steering, motion, wheels and innovations give at most one false alarm in
+ten hours together on every shipped scenario, from tuning seeds; those of noise, hitch, position and
+drift are set by hand above what fault-free drives reached. How often they are wrong is in the table
+of false alarms of docs/appendix/faults.md. An allowance is half of the shift of a residual that is
+to be detected (Montgomery, Introduction to Statistical Quality Control, ch. 9): a steering angle
+2.5 deg off its command, a speed 0.6 m/s, of motion 0.7 m/s off; assumed.
 """
 
 import math
@@ -70,7 +68,6 @@ class Detector:
     limit: float
     statistic: float = 0.0  # present value, 0 or above
     residual: float = math.nan  # latest value of what the statistic is made from
-    allowance: float = math.nan  # of its cumulative sum, NaN where it has none
 
     def observe(self, observation: Observation) -> None:
         """Take in the data of a tick; they are not changed."""
@@ -124,10 +121,9 @@ _HITCH_SLIP: Final = 0.032  # [rad] side slip of tractor less that of the traile
 _POSITION_M: Final = 0.25, 0.12
 _POSITION_S: Final = 10.0  # memory of dead reckoning
 _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side slip; assumed
-# Of the speed: common to both slips; side slip alone, at first and of the mean of a minute of what
-# looks like a slope; wheel slip below 0. Fields without a fault reach 0.8, 0.9 and 0.6 of these
-# limits on tuning seeds.
-_DRIFT: Final = 0.0095, 0.012, 0.8, 0.04
+# Of the speed: common to both slips, side slip alone, each at first and of the mean of a minute of
+# what looks like a slope; wheel slip below 0.
+_DRIFT: Final = 0.0095, 0.2, 0.015, 0.8, 0.04
 _SLOPES_S: Final = 60.0
 # On parallel tracks alone a slope across them, a slip along them and a drift are one.
 _HEADING_S: Final = 40.0
@@ -380,12 +376,11 @@ def _observe_estimate(
     gx, gy = gear * e.map_disturbance[0], gear * e.map_disturbance[1]
     slip -= gy * (math.cos(x[2]) - math.cos(x[3])) - gx * (math.sin(x[2]) - math.sin(x[3]))
     if now >= _SETTLED_S and slip == slip:
-        ratio = abs(slip) / _HITCH_SLIP
+        ratio = abs(slip) / (_HITCH_SLIP * (1.0 + (_SETTLED_S / now) ** 2))
         if entries:
             size = _HITCH_MEAN / math.sqrt(entries) + (curve if curve == curve else 0.0)
             ratio = max(ratio, abs(total) / entries / size)
-        statistic[DetectorIndex.HITCH] = ratio
-        residuals[DetectorIndex.HITCH] = ratio
+        statistic[DetectorIndex.HITCH] = residuals[DetectorIndex.HITCH] = ratio
     if alarms[DetectorIndex.HITCH, 0] >= 0.0:  # for good
         statistic[DetectorIndex.HITCH] = max(1.0, statistic[DetectorIndex.HITCH])
 
@@ -394,11 +389,16 @@ def _observe_estimate(
     way = speed * span_s
     dx = x[0] - last[1] - way * (math.cos(yaw) - slip * math.sin(yaw))
     dy = x[1] - last[2] - way * (math.sin(yaw) + slip * math.cos(yaw))
+    if alarms[DetectorIndex.WHEELS, 0] > _GO_ON or alarms[DetectorIndex.MOTION, 0] >= 0.0:
+        # Wheels that spin make less way, no more than all of it.
+        back = -math.copysign(1.0, way) * (dx * math.cos(yaw) + dy * math.sin(yaw))
+        back = math.copysign(min(max(0.0, back), abs(way)), way)
+        dx, dy = dx + back * math.cos(yaw), dy + back * math.sin(yaw)
     if span_s > 0.0 and math.isfinite(dx + dy):
         if span_s <= 1.0:
             size = math.hypot(dx, dy)
-            share = max(0.0, size - max(0.0, 4.0 * last[5] - _SURE_M)) / max(size, 1e-9)
-            share = 1.0 if held else share
+            sure = max(0.0, size - max(0.0, 4.0 * last[5] - _SURE_M)) / max(size, 1e-9)
+            share = 1.0 if held else sure
             fade = 1.0 if held else math.exp(-span_s / _POSITION_S)
             s.offset[0] = fade * s.offset[0] + share * dx
             s.offset[1] = fade * s.offset[1] + share * dy
@@ -444,8 +444,8 @@ def _observe_estimate(
     share = min(max(share, 0.0), 1.0 / _SLOPE)
     side = math.hypot(sx + share * cx, sy + share * cy)
     slips, wheel, planned = s.slips, e.disturbance[4], s.present[DetectorIndex.MOTION, 3]
-    ratio = max(drift / math.sqrt(max(1.0, rough)) / _DRIFT[0], 0.0)
-    ratio = max(ratio, side / (_DRIFT[1] + _DRIFT[2] * slips[0]))
+    ratio = max(drift, 0.0) / (_DRIFT[0] * math.sqrt(max(1.0, rough)) + _DRIFT[1] * slips[0])
+    ratio = max(ratio, side / (_DRIFT[2] + _DRIFT[3] * slips[0]))
     faster = 0.0
     if 0.0 < span_s <= 1.0 and math.isfinite(ratio + wheel) and abs(x[6]) > _MOVING:
         if now >= _SETTLED_S:
@@ -456,7 +456,7 @@ def _observe_estimate(
             slips[2] += share * (wheel - slips[2])
             by_plan = 1.0 - abs(x[6]) / planned if planned > _MOVING else 0.0
             slips[3] += span_s * (by_plan - slips[3])
-            faster = min(min(0.0, slips[2]) - slips[1], -slips[3]) / _DRIFT[3]
+            faster = min(min(0.0, slips[2]) - slips[1], -slips[3]) / _DRIFT[4]
         # All headings so far count alike at first, so that those of an entry do not count for long.
         weight = min(1.0, span_s / min(_HEADING_S, now))
         s.heading[0] += weight * (math.cos(2.0 * x[2]) - s.heading[0])
@@ -837,7 +837,7 @@ def observe_monitors(
     filter finds the side slip s = w / v and the wheel slip c = -w / v, both fixed in the map. A
     slope of the ground has c = -r s with r of 1.55 at least. The statistic is the larger ratio to
     its limit of |s - c| / 2, less the most that a slope may have of it, and of the distance of s
-    from the side slips of a slope with c, whose limit grows with the slips of the last minute.
+    from the side slips of a slope with c; the limits grow with the slips of the last minute.
     Parallel tracks alone do not tell the two apart; there these count 0, as with a tool in the
     soil. On any heading a vehicle that is faster than its wheels and its plan is a drift: wheel
     slip below 0, and below that of the last minute. A drift against the way is slip of a soft soil
@@ -894,7 +894,6 @@ _NAMES, _LIMITS, _REACTIONS, _REASONS = zip(*_TABLE, strict=True)
 
 
 _SENSORS: Final = tuple(Sensor)  # in the order of `SensorIndex`
-_SUMS: Final = (math.nan,) * 6 + (_ALLOWANCE,) * 4 + (_MOTION[1], _WHEELS[1]) + (math.nan,) * 8
 
 
 class Monitors:
@@ -988,7 +987,7 @@ class Monitors:
         """All detectors; the built-in ones, by `DetectorIndex`, as they are now."""
         s, count = self.record.view(MONITORS)[0], self._count
         columns = (s[name].tolist() for name in ("limit", "statistic", "residual"))
-        known = zip(_NAMES[:count], *columns, _SUMS, strict=False)
+        known = zip(_NAMES[:count], *columns, strict=False)
         return (*(Detector(*item) for item in known), *self._own)
 
     @property

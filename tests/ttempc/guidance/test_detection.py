@@ -29,7 +29,7 @@ VEHICLE = Vehicle()
 def observation(k, samples=(), command=None, innovations=(), vehicle=VEHICLE):
     nothing = np.zeros(2)
     estimate = Estimate(
-        k * PERIOD_S, np.zeros(7), np.eye(7), nothing, 0.0, innovations=tuple(innovations)
+        k * PERIOD_S, np.zeros(7), 1e-4 * np.eye(7), nothing, 0.0, innovations=tuple(innovations)
     )
     return Observation(k * PERIOD_S, samples, command, estimate, vehicle)
 
