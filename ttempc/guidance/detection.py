@@ -760,9 +760,12 @@ def _observe_steering(
         unused[SensorIndex.ENCODER] = 1.0
     if alarms[DetectorIndex.HITCH, 0] >= 0.0:
         unused[SensorIndex.HITCH] = 1.0
+    # Until the vehicle stands, when the sum tells whether GNSS has come back. Where the wheels may
+    # spin, dead reckoning is no better.
     fooled = max(alarms[DetectorIndex.POSITION, 0], alarms[DetectorIndex.DRIFT, 0]) >= 0.0
+    fooled &= alarms[DetectorIndex.WHEELS, 0] <= _GO_ON and alarms[DetectorIndex.MOTION, 0] < 0.0
     for sensor in range(2 if fooled and abs(s.pose[4]) > _MOVING else 0):
-        unused[sensor] = 1.0  # until it stands, when the sum tells whether GNSS has come back
+        unused[sensor] = 1.0
 
 
 def observe_monitors(

@@ -113,6 +113,14 @@ def test_a_stuck_valve_stops_and_a_stuck_hitch_sensor_does_not():
     assert [line[1:5] for line in body] == [["-", "-", one, "-"], ["-", one, "-", "-"]]
 
 
+def test_a_drift_along_the_way_stops_the_vehicle():
+    scenario = *faults.changes("GNSS drifts by 10 cm/s north"), "path.laps=1"
+    row = faults.outcome(Case("grass", 1, scenario))
+    assert row["result"] == "stopped"
+    assert row["noticed_s"] < 9.0
+    assert row["worst_m"] < 1.0
+
+
 def test_the_share_passed_once_is_that_of_a_gumbel_distribution():
     count = len(faults.Monitors().detectors)
     maxima = np.random.default_rng(2).gumbel(0.4, 0.02, (20_000, count))

@@ -378,6 +378,18 @@ def test_a_drift_is_a_slip_that_no_slope_has(slips, noticed):
     assert first_alarm(DetectorIndex.DRIFT, 600, lambda k: estimates(k, 0.0, slips))[0] is None
 
 
+def test_the_protection_level_has_the_risk_of_a_rayleigh_distribution():
+    levels = []
+    for sd in (0.1, 0.2):
+        monitors, seen = Monitors(), estimates(0, 0.0)
+        seen.estimate.covariance[:2, :2] = sd**2 * np.eye(2)
+        observed(monitors, seen)
+        detector = monitors.detectors[DetectorIndex.PROTECTION]
+        assert detector.statistic == 0.0  # all sensors are used
+        levels.append(detector.residual)
+    assert math.exp(-0.5 * ((levels[1] - levels[0]) / 0.1) ** 2) == pytest.approx(1e-5)
+
+
 @pytest.mark.parametrize("how", ["innovations", "slip"])
 def test_a_hitch_sensor_that_contradicts_is_not_used_again(how):
     """The mean of whitened innovations, and a side slip of one body alone, both from 20 s on."""
