@@ -123,7 +123,8 @@ _POSITION_S: Final = 10.0  # memory of dead reckoning
 _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side slip; assumed
 # Of the speed: common to both slips, side slip alone, each at first and of the mean of a minute of
 # what looks like a slope; wheel slip below 0.
-_DRIFT: Final = 0.0095, 0.2, 0.015, 0.8, 0.04
+_DRIFT: Final = 0.0095, 0.6, 0.013, 0.8, 0.04
+_STEEP: Final = 0.03  # that mean from which on the first limit grows
 _SLOPES_S: Final = 60.0
 # On parallel tracks alone a slope across them, a slip along them and a drift are one.
 _HEADING_S: Final = 40.0
@@ -444,7 +445,8 @@ def _observe_estimate(
     share = min(max(share, 0.0), 1.0 / _SLOPE)
     side = math.hypot(sx + share * cx, sy + share * cy)
     slips, wheel, planned = s.slips, e.disturbance[4], s.present[DetectorIndex.MOTION, 3]
-    ratio = max(drift, 0.0) / (_DRIFT[0] * math.sqrt(max(1.0, rough)) + _DRIFT[1] * slips[0])
+    bound = _DRIFT[0] * math.sqrt(max(1.0, rough)) + _DRIFT[1] * max(0.0, slips[0] - _STEEP)
+    ratio = max(drift, 0.0) / bound
     ratio = max(ratio, side / (_DRIFT[2] + _DRIFT[3] * slips[0]))
     faster = 0.0
     if 0.0 < span_s <= 1.0 and math.isfinite(ratio + wheel) and abs(x[6]) > _MOVING:
