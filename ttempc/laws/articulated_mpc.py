@@ -190,7 +190,7 @@ def robust_gains(
 # through the heading. Nearer stages would ask for nothing but slack. Assumed.
 _RESPONSE_S: Final = 0.8
 # In reverse: heading of the damped approach from farther away, which limits the trailer's error
-# across the path on which the MPC acts, and the limit along it; tuned on entries, see docs/method.md
+# across the path on which the MPC acts, and the limit along it; tuned on entries
 _CAPTURE: Final = math.radians(25.0)
 _AHEAD_M: Final = 0.3
 
