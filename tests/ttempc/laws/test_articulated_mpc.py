@@ -22,6 +22,7 @@ from ttempc.mpc.articulated_error import (
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.reference.speed import Backward
 from ttempc.types import Disturbance, Input, State
 from ttempc.vehicle import Vehicle
 
@@ -156,7 +157,7 @@ def test_the_held_hitch_angle_is_a_steady_turn_of_the_exact_model():
 def test_in_reverse_the_bounds_are_on_both_angles_and_what_their_rates_add():
     """The larger the time for turning back, the earlier a plan that folds meets its bound."""
     vehicle = replace(VEHICLE, reverse=True)
-    reference = Reference(straight(40.0), vehicle, ConstantSpeed(-1.0))
+    reference = Reference(straight(40.0), vehicle, Backward(ConstantSpeed(1.0), 40.0))
     a, _, _ = error_dynamics(reference, PERIOD_S, 100)
     grid = reference.at(np.arange(101) * PERIOD_S)
     bounds = hitch_bounds(grid, vehicle, math.radians(45.0), np.zeros(21), 0.4, a, PERIOD_S)
