@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
-from ..estimation.ekf import ExtendedKalmanFilter
+from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
 from ..layout import (
     ALARM,
@@ -255,6 +255,7 @@ class Guidance:
         self._time_s = -math.inf  # of the last update, from the origin
         self._row = np.empty(0)  # record `ESTIMATE` of the last update
         self._innovations = np.empty((0, INNOVATION))  # of it
+        self.field: FloatArray | None = None
         self._view: Estimate | None = None  # of both, once somebody has looked
         self._stale = 0  # steps since the last update
         self._sent = np.full(len(Input), math.nan)  # the last command
@@ -445,7 +446,10 @@ class Guidance:
         """Run the estimator; a user's gets objects, and its estimate is copied into the record."""
         filter_ = self._estimator
         if isinstance(filter_, ExtendedKalmanFilter) and type(filter_) is ExtendedKalmanFilter:
-            self._row, self._innovations = filter_.observe(now, rows, self._sent)
+            waited = self.tick and self._supervisor.waits
+            known = self.field is not None and not waited
+            change = self.field.change(self.reference_tick) if known else NO_CHANGE
+            self._row, self._innovations = filter_.observe(now, rows, self._sent, change)
             return
         sent = Command(*self._sent.tolist()) if self.tick else None
         with user_part(EstimatorFailed, f"the estimator raised at {now:.3f} s"):

@@ -1,0 +1,253 @@
+"""Map of disturbances by place, from the passes of a reference over its own line."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..jit import cached_njit, record
+from ..layout import ESTIMATE
+from ..models.augmented_state import MAPPED, VehicleParameter, vehicle_parameters
+from ..reference.reference import Reference
+from ..types import FloatArray, State
+from ..vehicle import Vehicle
+
+_BESIDE_M: Final = 0.5  # between a pass and an earlier one on the same line
+_TURNED_RAD: Final = 0.2  # between their headings
+_AFTER_M: Final = 10.0  # of driving at least between both
+_WEIGHT_M: Final = _BESIDE_M / _TURNED_RAD  # of a heading beside a position
+_SMOOTH_M: Final = np.array([1.2, 1.2, 0.8])
+"""Standard deviation of the Gaussian weights along the path [m]: between the error of a difference
+of estimated positions and the length of a patch; of 0.5 to 2 m the best on tuning seeds."""
+_REACH_M: Final = 3.0  # of the weights
+_SETTLED_S: Final = 3.0  # from the first estimate on, until which nothing is learnt; assumed
+_ERROR: Final = np.square([0.006, 0.006, 0.004])  # variance of a pass [rad^2], on tuning seeds
+_CHANGE: Final = np.square([0.002, 0.002, 0.001])  # of the ground from pass to pass; assumed
+_LARGEST: Final = 0.25  # [rad]
+
+_SEEN: Final = 8  # of an estimate: x, y, psi_t, psi_i, delta_t, delta_i, v, and 1 if it is known
+
+
+class FieldMap:
+    """Disturbances of the vehicle by place: learnt on every pass, known on the next one.
+
+    A place is a control tick of the reference on its first pass over a line; later ticks belong to
+    the nearest place within 0.5 m and 0.2 rad. What a pass shows is the motion of the estimate. Of
+    its position, its headings and the equations of `ttempc.models.kinematics.articulated`, the side
+    slips of both axles and the angle beside the front steering follow by differences over two
+    periods; Gaussian weights along the path, ahead and behind alike, take noise and lag off. Passes
+    are fused as a Kalman filter would, with a variance at every place.
+
+    A pass tells a disturbance with an offset of its own (slopes, tyres, offsets of sensors), which
+    the estimator follows. What the map is asked for is therefore changes from place to place alone.
+
+    The state is arrays that a copy copies; the first pass and the ticks before it are not
+    different from those without a map.
+
+    Args:
+        reference: what is driven.
+        vehicle: model parameters.
+        period_s: control period [s].
+    """
+
+    def __init__(self, reference: Reference, vehicle: Vehicle, period_s: float) -> None:
+        grid = reference.on_grid(period_s, beyond=1)
+        self.pose: FloatArray = grid.state[:, : State.PSI_T + 1]  # of the tractor, (T, 3)
+        self.distance: FloatArray = grid.distance_m
+        self.place = places(self.pose, self.distance)
+        count = len(self.place)
+        self.mean, self.variance = np.zeros((count, MAPPED)), np.full((count, MAPPED), np.inf)
+        self._raw = np.full((count, MAPPED), math.nan)
+        self._seen = np.zeros((3, _SEEN))
+        # next tick to smooth, last tick observed, ticks to leave out
+        self._ticks = np.array([0, -2, round(_SETTLED_S / period_s)])
+        self._period_s, self._none = period_s, np.zeros(MAPPED)
+        self.exchange(vehicle)
+
+    def exchange(self, vehicle: Vehicle) -> None:
+        """Learn on with other model parameters."""
+        self._parameters = vehicle_parameters(vehicle)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the reference drives any line again."""
+        return bool((self.place < np.arange(len(self.place))).any())
+
+    def observe(self, k: int, row: FloatArray, usable: bool) -> None:
+        """Take in the record `ESTIMATE` at tick `k` of the reference, None but the next in turn.
+
+        After any other tick, or one that is not `usable`, differences begin anew.
+        """
+        if k < len(self.place):
+            observe_field(
+                k,
+                row,
+                usable,
+                self._period_s,
+                self._parameters,
+                self.distance,
+                self.place,
+                self._seen,
+                self._ticks,
+                self._raw,
+                self.mean,
+                self.variance,
+            )
+
+    def change(self, k: int) -> FloatArray:
+        """Return by how much the disturbances change from tick k - 1 to tick k, (3,)."""
+        if not 0 < k < len(self.place):
+            return self._none
+        before, now = self.place[k - 1], self.place[k]
+        if now == k or before == k - 1 or not self._known(k):
+            return self._none
+        return self.mean[now] - self.mean[before]
+
+    def _known(self, k: int) -> bool:
+        return self.variance[self.place[k - 1], 0] < np.inf > self.variance[self.place[k], 0]
+
+    def ahead(self, k: int, count: int) -> FloatArray | None:
+        """Return the changes from tick k to ticks k, k + 1, ... k + count - 1, (count, 3).
+
+        Beyond the first place that is not known the last value lasts; None if that is the first.
+        """
+        ticks = np.arange(k, k + count).clip(max=len(self.place) - 1)
+        place = self.place[ticks]
+        known = (place < ticks) & (self.variance[place, 0] < np.inf)
+        last = count if known.all() else int(np.argmin(known))
+        if last < 2:
+            return None
+        values = self.mean[place]
+        values[last:] = values[last - 1]
+        return values - values[0]
+
+
+def places(pose: FloatArray, distance: FloatArray) -> NDArray[np.int64]:
+    """Return the place of every tick (T,): the first tick at which the reference was there.
+
+    `pose` (T, 3) are x, y [m] and heading [rad] of the tractor, `distance` (T,) is what it drives.
+    """
+    x, y, heading = pose.T
+    turned = _WEIGHT_M * np.cos(heading), _WEIGHT_M * np.sin(heading)
+    points = np.column_stack([x, y, *turned])
+    place = np.arange(len(points))
+    first, later = cKDTree(points).query_pairs(_BESIDE_M, output_type="ndarray").T
+    apart = distance[later] - distance[first] > _AFTER_M
+    first, later = first[apart], later[apart]
+    if not len(first):
+        return place
+    earliest = np.full(len(points), len(points))
+    np.minimum.at(earliest, later, first)
+    same = distance[first] - distance[earliest[later]] < _AFTER_M  # the earliest pass
+    first, later = first[same], later[same]
+    gap = np.linalg.norm(points[first] - points[later], axis=1)
+    order = np.lexsort((first, -gap))  # the nearest is written last
+    place[later[order]] = first[order]
+    return place
+
+
+@cached_njit(error_model="numpy", nogil=True)
+def observe_field(
+    k: int,
+    row: FloatArray,
+    usable: bool,
+    period_s: float,
+    parameters: FloatArray,
+    distance: FloatArray,
+    place: NDArray[np.int64],
+    seen: FloatArray,
+    ticks: NDArray[np.int64],
+    raw: FloatArray,
+    mean: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Do `FieldMap.observe`; the last five arrays are the state of a map."""
+    e = record(row, ESTIMATE)
+    if k == ticks[1]:  # the reference waits
+        seen[:, _SEEN - 1] = 0.0
+        return
+    if k != ticks[1] + 1:
+        seen[:, _SEEN - 1] = 0.0
+    ticks[1] = k
+    if ticks[2] > 0:
+        ticks[2] -= 1
+        usable = False
+    for i in range(2):
+        for j in range(_SEEN):
+            seen[i, j] = seen[i + 1, j]
+    now = seen[2]
+    for i in range(7):
+        now[i] = e.state[i]
+    now[_SEEN - 1] = 1.0 if usable and math.isfinite(e.state[0]) else 0.0
+    if seen[0, _SEEN - 1] * seen[1, _SEEN - 1] * seen[2, _SEEN - 1] != 0.0:
+        shown(seen, period_s, parameters, raw[k - 1])
+    while distance[k] - distance[ticks[0]] > _REACH_M:
+        _fuse(ticks[0], distance, place[ticks[0]], raw, mean, variance)
+        ticks[0] += 1
+
+
+@cached_njit(error_model="numpy", nogil=True)
+def shown(seen: FloatArray, period_s: float, parameters: FloatArray, raw: FloatArray) -> None:
+    """Write the disturbances (3,) that the motion over two periods shows, NaN at low speed."""
+    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    length_i += parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    span_s = 2.0 * period_s
+    psi_t, psi_i = seen[1, State.PSI_T], seen[1, State.PSI_I]
+    delta_i, v = seen[1, State.DELTA_I], seen[1, State.V]
+    if abs(v) < 0.1:
+        raw[:] = math.nan
+        return
+    dx, dy = seen[2, 0] - seen[0, 0], seen[2, 1] - seen[0, 1]
+    yaw_t = seen[2, State.PSI_T] - seen[0, State.PSI_T]
+    yaw_t = (yaw_t - math.tau * round(yaw_t / math.tau)) / span_s
+    yaw_i = seen[2, State.PSI_I] - seen[0, State.PSI_I]
+    yaw_i = (yaw_i - math.tau * round(yaw_i / math.tau)) / span_s
+    rate_i = (seen[2, State.DELTA_I] - seen[0, State.DELTA_I]) / span_s
+    lam, cos_i = psi_t - psi_i, math.cos(delta_i)
+    slip_t = (dy * math.cos(psi_t) - dx * math.sin(psi_t)) / (v * span_s)
+    across = yaw_i * (length_i + d * cos_i) + a * yaw_t * math.cos(lam) + d * rate_i * cos_i
+    raw[0] = slip_t
+    raw[1] = math.sin(lam) + slip_t * math.cos(lam) - across / v
+    raw[2] = math.atan(yaw_t * parameters[VehicleParameter.WHEELBASE] / v) - seen[1, State.DELTA_T]
+
+
+@cached_njit(error_model="numpy", nogil=True)
+def _fuse(
+    k: int,
+    distance: FloatArray,
+    place: int,
+    raw: FloatArray,
+    mean: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Smooth what the pass showed at tick `k`, and fuse it with what earlier ones have told.
+
+    Where more than a tenth of the weights is missing the pass tells nothing.
+    """
+    for i in range(MAPPED):
+        total = weights = lost = 0.0
+        for way in range(-1, 2, 2):
+            j = k if way > 0 else k - 1
+            while 0 <= j < len(raw) and abs(distance[j] - distance[k]) <= _REACH_M:
+                along = (distance[j] - distance[k]) / _SMOOTH_M[i]
+                weight = math.exp(-0.5 * along * along)
+                if math.isnan(raw[j, i]):
+                    lost += weight
+                else:
+                    weights, total = weights + weight, total + weight * raw[j, i]
+                j += way
+        if weights == 0.0 or lost > 0.1 * (weights + lost):
+            return
+        value = min(max(total / weights, -_LARGEST), _LARGEST)
+        if variance[place, i] == math.inf:
+            mean[place, i], variance[place, i] = value, _ERROR[i]
+        else:
+            spread = variance[place, i] + _CHANGE[i]
+            gain = spread / (spread + _ERROR[i])
+            mean[place, i] += gain * (value - mean[place, i])
+            variance[place, i] = (1.0 - gain) * spread
