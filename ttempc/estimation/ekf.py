@@ -101,7 +101,12 @@ class ExtendedKalmanFilter:
         self.parameters = filter_parameters(vehicle, sensors, process, gate_probability, memory_s)
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
-        self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.zeros((32, 1 + len(Input) + MAPPED))
+        self._state = (
+            history,
+            np.empty((17, ROW)),
+            np.empty((512, HELD)),
+            np.zeros((32, 1 + len(Input) + MAPPED)),
+        )
 
     def warm_up(self) -> None:
         """Compile or load what an update needs; the filter's state does not change."""

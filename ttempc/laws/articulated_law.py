@@ -10,7 +10,6 @@ import numpy as np
 
 from ..jit import cached_njit, record
 from ..layout import TICK, new_tick
-from ..learning.field import FieldMap
 from ..models.augmented_state import MAPPED
 from ..mpc.articulated_error import PredictedPath, write_error
 from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
@@ -336,7 +335,6 @@ class ArticulatedLaw(FeedbackLaw):
         memory["last"] = memory["made"] = memory["planned"] = -2.0
         self.report: SolverReport | None = None  # of the last QP that a solver answered
         self._last: tuple[FloatArray, FloatArray] | None = None  # estimate and command, of a step
-        self.field: FieldMap | None = None  # whose changes the plan foresees
 
     def resume(self, previous: object) -> None:
         """Keep autocorrelation, nominal input and entry, see `ttempc.types.Resuming`.
@@ -381,12 +379,10 @@ class ArticulatedLaw(FeedbackLaw):
     ) -> None:
         law, stages = self.law, self.mpc.horizon.stages
         propose(k, row, sent, law, stages, memory, work.given, tick)
-        if self.field is not None:
-            ahead = self.field.ahead(k, len(work.preview))
-            work.preview[:] = 0.0
-            if ahead is not None:
-                model = stages.model[k : k + len(ahead), :, _N : _N + MAPPED]
-                work.preview[:] = (model @ ahead[..., None])[..., 0]
+        if self.field is not None:  # -E (s(k + j) - s(k)), see `error_dynamics`
+            ahead = self.field.ahead(k, len(work.preview))[..., None]
+            by_slips = stages.model[k : k + len(ahead), :, _N : _N + MAPPED]
+            work.preview[:] = (by_slips @ ahead)[..., 0]
         outcome = plan(k, stages, work, self.mpc.most)
         if outcome < 0 and work is self.mpc.work:
             self.report, excess = self.mpc.answer(k, outcome)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..layout import ESTIMATE, TICK, estimate_row, new_tick
+from ..learning.field import FieldMap
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import (
     Command,
@@ -54,6 +55,7 @@ class FeedbackLaw:
         write_told(told, tick)
         return told
 
+    field: FieldMap | None = None  # of disturbances by place, whose changes a plan may foresee
     report: SolverReport | None = None  # of the last QP that a solver answered, where `act` is None
 
     def predicted_path(self, k: int) -> FloatArray | None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..errors import InvalidTuning
 from ..jit import cached_njit, record
 from ..layout import ESTIMATE
 from ..models.augmented_state import MAPPED, VehicleParameter, vehicle_parameters
@@ -29,6 +30,7 @@ _ERROR: Final = np.square([0.006, 0.006, 0.004])  # variance of a pass [rad^2], 
 _CHANGE: Final = np.square([0.002, 0.002, 0.001])  # of the ground from pass to pass; assumed
 _LARGEST: Final = 0.25  # [rad]
 
+_ROW: Final = 10  # of `FieldMap.rows`
 _SEEN: Final = 8  # of an estimate: x, y, psi_t, psi_i, delta_t, delta_i, v, and 1 if it is known
 
 
@@ -49,80 +51,102 @@ class FieldMap:
     different from those without a map.
 
     Args:
-        reference: what is driven.
-        vehicle: model parameters.
+        reference: what is driven, with the parameters of the model.
         period_s: control period [s].
+        lead_s: time by which the reference of the controller is ahead [s].
+        earlier: `rows` of a map of an earlier drive, which counts as a pass.
+
+    Raises:
+        InvalidTuning: `earlier` are no such rows.
     """
 
-    def __init__(self, reference: Reference, vehicle: Vehicle, period_s: float) -> None:
+    def __init__(
+        self,
+        reference: Reference,
+        period_s: float,
+        lead_s: float = 0.0,
+        earlier: FloatArray | None = None,
+    ) -> None:
         grid = reference.on_grid(period_s, beyond=1)
-        self.pose: FloatArray = grid.state[:, : State.PSI_T + 1]  # of the tractor, (T, 3)
-        self.distance: FloatArray = grid.distance_m
-        self.place = places(self.pose, self.distance)
-        count = len(self.place)
-        self.mean, self.variance = np.zeros((count, MAPPED)), np.full((count, MAPPED), np.inf)
+        known = np.empty((0, _ROW)) if earlier is None else np.array(earlier, dtype=float)
+        if known.ndim != 2 or known.shape[1] != _ROW or not np.isfinite(known).all():
+            raise InvalidTuning(
+                f"learn_field: got an array {known.shape}, must be finite rows (n, {_ROW}) of a map"
+            )
+        self._first = len(known)  # of the arrays, place of tick 0
+        before = known[:, 3] - known[:, 3].max(initial=0.0) - 2.0 * _AFTER_M
+        self._pose = np.concatenate([known[:, :3], grid.state[:, : State.PSI_T + 1]])
+        self._distance = np.concatenate([before, grid.distance_m])
+        self._place = places(self._pose, self._distance)
+        count = len(self._place)
+        self._mean, self._variance = np.zeros((count, MAPPED)), np.full((count, MAPPED), np.inf)
+        self._mean[: self._first], self._variance[: self._first] = known[:, 4:7], known[:, 7:]
         self._raw = np.full((count, MAPPED), math.nan)
         self._seen = np.zeros((3, _SEEN))
-        # next tick to smooth, last tick observed, ticks to leave out
-        self._ticks = np.array([0, -2, round(_SETTLED_S / period_s)])
+        # next place to smooth, last one observed, ticks to leave out
+        settled = math.ceil(_SETTLED_S / period_s)
+        self._ticks = np.array([self._first, self._first - 2, settled])
         self._period_s, self._none = period_s, np.zeros(MAPPED)
-        self.exchange(vehicle)
+        self.exchange(reference.vehicle, lead_s)
 
-    def exchange(self, vehicle: Vehicle) -> None:
-        """Learn on with other model parameters."""
+    def exchange(self, vehicle: Vehicle, lead_s: float) -> None:
+        """Learn on with other model parameters and another lead of the controller."""
         self._parameters = vehicle_parameters(vehicle)
+        self._lead = round(lead_s / self._period_s)
 
     @property
-    def repeats(self) -> bool:
-        """Whether the reference drives any line again."""
-        return bool((self.place < np.arange(len(self.place))).any())
+    def rows(self) -> FloatArray:
+        """The map (n, 10): x, y [m], heading [rad], distance [m], means and variances (3 each)."""
+        known = np.isfinite(self._variance[:, 0])
+        parts = self._pose, self._distance[:, None], self._mean, self._variance
+        return np.concatenate(parts, axis=1)[known]
 
     def observe(self, k: int, row: FloatArray, usable: bool) -> None:
-        """Take in the record `ESTIMATE` at tick `k` of the reference, None but the next in turn.
+        """Take in the record `ESTIMATE` at tick `k` of the reference.
 
-        After any other tick, or one that is not `usable`, differences begin anew.
+        Where the reference waits, and at ticks that are not `usable`, the pass shows nothing.
         """
-        if k < len(self.place):
+        if (k := k + self._first) < len(self._place):
             observe_field(
                 k,
                 row,
                 usable,
                 self._period_s,
                 self._parameters,
-                self.distance,
-                self.place,
+                self._distance,
+                self._place,
                 self._seen,
                 self._ticks,
                 self._raw,
-                self.mean,
-                self.variance,
+                self._mean,
+                self._variance,
             )
 
     def change(self, k: int) -> FloatArray:
-        """Return by how much the disturbances change from tick k - 1 to tick k, (3,)."""
-        if not 0 < k < len(self.place):
-            return self._none
-        before, now = self.place[k - 1], self.place[k]
-        if now == k or before == k - 1 or not self._known(k):
-            return self._none
-        return self.mean[now] - self.mean[before]
+        """Return by how much the disturbances change up to tick k from the tick before, (3,).
 
-    def _known(self, k: int) -> bool:
-        return self.variance[self.place[k - 1], 0] < np.inf > self.variance[self.place[k], 0]
+        0 where one of both places is not known, and where the reference has waited.
+        """
+        k += self._first
+        if k != self._ticks[1] + 1 or k >= len(self._place):
+            return self._none
+        before, now = self._place[k - 1], self._place[k]
+        known = now < k and before < k - 1 and self._variance[[before, now], 0].max() < math.inf
+        return self._mean[now] - self._mean[before] if known else self._none
 
-    def ahead(self, k: int, count: int) -> FloatArray | None:
+    def ahead(self, k: int, count: int) -> FloatArray:
         """Return the changes from tick k to ticks k, k + 1, ... k + count - 1, (count, 3).
 
-        Beyond the first place that is not known the last value lasts; None if that is the first.
+        From the first place on that is not known nothing changes.
         """
-        ticks = np.arange(k, k + count).clip(max=len(self.place) - 1)
-        place = self.place[ticks]
-        known = (place < ticks) & (self.variance[place, 0] < np.inf)
-        last = count if known.all() else int(np.argmin(known))
-        if last < 2:
-            return None
-        values = self.mean[place]
-        values[last:] = values[last - 1]
+        ticks = np.arange(count) + (k + self._first + self._lead)
+        ticks = np.minimum(ticks, len(self._place) - 1)
+        place = self._place[ticks]
+        unknown = (place >= ticks) | ~np.isfinite(self._variance[place, 0])
+        values = self._mean[place]
+        if unknown.any():
+            last = int(np.argmax(unknown))
+            values[last:] = values[max(last - 1, 0)]
         return values - values[0]
 
 
