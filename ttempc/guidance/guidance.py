@@ -246,7 +246,7 @@ class Guidance(GuidanceViews):
         """
         parts = self._parts
         with user_part(GuidanceFailed, "warm_up raised"):
-            for part in (parts.estimator, parts.controller, self._supervisor, self._monitors):
+            for part in (*parts.own, self._supervisor, self._monitors):
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..estimation.noise import SensorNoise
-from ..laws.tracking_controller import TrackingController
-from ..learning.field import FieldMap
 from ..learning.learner import Identifier, Learner
 from ..learning.window import RecordedTick
 from ..reference.reference import Reference, check_drivable, check_pace
@@ -18,6 +16,7 @@ from .controllers import EstimatorFactory, estimator_factory, make_controller
 from .dead_time import DeadTimeCompensation, Guided, compensated, lead_s, resume
 
 if TYPE_CHECKING:
+    from ..learning.field import FieldMap
     from ..tube.reference_tube import TubeDesign
 
 ControllerFactory = Callable[..., Controller]
@@ -144,12 +143,20 @@ class Parts:
         self.learner = Learner(learn, vehicle, period_s, builder)
         self.field: FieldMap | None = None
         if learn_field is not False:
+            from ..laws.tracking_controller import TrackingController
+            from ..learning.field import FieldMap
+
             earlier = None if learn_field is True else learn_field
             self.field = FieldMap(reference, period_s, lead_s(vehicle), earlier)
             inner = self.controller
             inner = inner.controller if isinstance(inner, DeadTimeCompensation) else inner
             if isinstance(inner, TrackingController):
                 inner.feedback.field = self.field
+
+    @property
+    def own(self) -> tuple[object, ...]:
+        """What may need a warm-up."""
+        return self.estimator, self.controller, self.field
 
     def exchange(self, tick: int, sent: FloatArray) -> tuple[Built | None, tuple[str, ...]]:
         """Take on what is learnt and due at a tick; return it, and the notes on it.

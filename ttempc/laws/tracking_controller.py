@@ -5,11 +5,11 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..layout import ESTIMATE, TICK, estimate_row, new_tick
-from ..learning.field import FieldMap
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import (
     Command,
@@ -24,6 +24,9 @@ from ..types import (
     State,
 )
 from ..vehicle import CommandLimits, Vehicle
+
+if TYPE_CHECKING:
+    from ..learning.field import FieldMap
 
 _WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
 _WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set up

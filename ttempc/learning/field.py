@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..errors import InvalidTuning
 from ..jit import cached_njit, record
@@ -100,6 +100,12 @@ class FieldMap:
         self._parameters = vehicle_parameters(vehicle)
         self._lead = round(lead_s / self._period_s)
 
+    def warm_up(self) -> None:
+        """Compile or load what a tick needs; no later result changes."""
+        twin = deepcopy(self)
+        for k in range(3):
+            twin.observe(k, np.zeros(ESTIMATE.itemsize // 8), True)
+
     @property
     def rows(self) -> FloatArray:
         """The map (n, 10): x, y [m], heading [rad], distance [m], means and variances (3 each)."""
@@ -162,11 +168,13 @@ def places(pose: FloatArray, distance: FloatArray) -> NDArray[np.int64]:
 
     `pose` (T, 3) are x, y [m] and heading [rad] of the tractor, `distance` (T,) is what it drives.
     """
+    from scipy.spatial import KDTree  # takes a while to load, and most drives need no map
+
     x, y, heading = pose.T
     turned = _WEIGHT_M * np.cos(heading), _WEIGHT_M * np.sin(heading)
     points = np.column_stack([x, y, *turned])
     place = np.arange(len(points))
-    first, later = cKDTree(points).query_pairs(_BESIDE_M, output_type="ndarray").T
+    first, later = KDTree(points).query_pairs(_BESIDE_M, output_type="ndarray").T
     gap = points[later] - points[first]
     along = gap[:, 0] * np.cos(heading[first]) + gap[:, 1] * np.sin(heading[first])
     step = np.gradient(distance)[first]
@@ -219,7 +227,7 @@ def observe_field(
     if seen[0, _SEEN - 1] * seen[1, _SEEN - 1] * seen[2, _SEEN - 1] != 0.0:
         shown(seen, period_s, parameters, raw[k - 1])
     while distance[k] - distance[ticks[0]] > _REACH_M:
-        _fuse(ticks[0], distance, place[ticks[0]], raw, mean, variance, spread)
+        _fuse(ticks[0], distance, int(place[ticks[0]]), raw, mean, variance, spread)
         ticks[0] += 1
 
 

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from tests.reference.models.kinematics import advance
+from tests.ttempc.sensed_drive import SensedDrive
 from ttempc import Guidance, Reference, Vehicle, figure_eight
 from ttempc.errors import InvalidPath, InvalidTuning
-from ttempc.layout import estimate_row
+from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.layout import ESTIMATE, SAMPLE, estimate_row, sample_rows
 from ttempc.learning.field import FieldMap, places
 from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.reference.headland import headland
@@ -91,3 +93,23 @@ def test_a_copy_goes_on_as_the_map_does():
     field = learnt(lambda s: np.full(3, 0.01), laps=1)
     twin = copy.deepcopy(field)
     assert (twin.rows == field.rows).all()
+
+
+def test_the_filter_moves_by_a_change_and_no_order_of_arrival_matters():
+    received, change = SensedDrive(1).run(24).received, np.array([0.02, -0.01, 0.015])
+    at_20, last = [], []
+    for late, moved in ((True, False), (True, True), (False, True)):
+        ekf, held = ExtendedKalmanFilter(VEHICLE), np.empty((0, SAMPLE))
+        for k, (samples, command) in enumerate(received):
+            rows = np.concatenate([sample_rows(samples), held if k == 21 else held[:0]])
+            if late and k == 20:
+                held, rows = rows, held
+            sent = np.full(3, np.nan) if command is None else command.as_array()
+            by = change if moved and k == 20 else np.zeros(3)
+            seen = ekf.observe(k * PERIOD_S, rows, sent, by)[0].view(ESTIMATE)[0]
+            if k == 20:
+                at_20.append(seen["disturbance"][:3].copy())
+        last.append(seen["state"])
+    np.testing.assert_allclose(at_20[1] - at_20[0], change, rtol=0.01)
+    np.testing.assert_array_equal(last[1], last[2])
+    assert (last[0] != last[1]).any()
