@@ -48,17 +48,16 @@ def dynamics_arguments(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[obje
     """Return the arguments of `move` from `tree` on, views of MuJoCo's arrays.
 
     Raises:
-        ValueError: the model has springs or dampers beyond those of `move`.
+        ValueError: the model has forces beyond those of `move`.
     """
-    if any(each.any() for each in (model.jnt_stiffness, model.dof_dampingpoly)):
-        raise ValueError("model: has joints with springs or nonlinear dampers")
+    springs = model.jnt_stiffness.any() or model.dof_dampingpoly.any()
+    if springs or not model.actuator_forcelimited.all():
+        raise ValueError("model: has springs, nonlinear dampers, or an actuator without limits")
     last = model.M_rowadr + model.M_rownnz - 1  # a row of the inertia ends on the diagonal
     tree = model.body_parentid, model.dof_bodyid, last
-    limited = model.actuator_forcelimited[:, None].astype(bool)
-    limits = np.where(limited, model.actuator_forcerange, [-np.inf, np.inf])
     return (
         tuple(np.ascontiguousarray(each, dtype=np.int64) for each in tree),
-        (model.dof_damping, model.actuator_biasprm, limits),
+        (model.dof_damping, model.actuator_biasprm, model.actuator_forcerange),
         (data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind),
         (data.actuator_length, data.actuator_velocity, data.actuator_force),
         (data.xipos, data.subtree_com, data.cdof, data.xfrc_applied),
@@ -128,7 +127,7 @@ def move(
         free: whether there are no constraints.
         timestep: [s].
         tree: parents (nbody,), body of each degree of freedom (nv,), places of the diagonal (nv,).
-        gains: MuJoCo's `dof_damping`, `actuator_biasprm`, and the limits of the forces.
+        gains: MuJoCo's `dof_damping`, `actuator_biasprm`, `actuator_forcerange`.
         moments: MuJoCo's sparse `actuator_moment`: entries, row counts, row starts, columns.
         actuators: MuJoCo's `actuator_length`, `actuator_velocity`, `actuator_force`.
         bodies: MuJoCo's `xipos`, `subtree_com`, `cdof`, `xfrc_applied`.

@@ -1,7 +1,7 @@
 """Extended Kalman filter over the articulated kinematics, for samples in any order."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -16,27 +16,14 @@ from ..layout import (
     measurements_of,
     sample_rows,
 )
-from ..models.augmented_state import (
-    LENGTH,
-    STATES,
-    AugmentedState,
-)
-from ..types import (
-    Command,
-    Estimate,
-    FloatArray,
-    Input,
-    Measurement,
-    Sensor,
-)
+from ..models.augmented_state import LENGTH, MAPPED, STATES, AugmentedState
+from ..types import Command, Estimate, FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
 from .filter import (
     HELD,
     HISTORY,
     MOMENT,
     ROW,
-    SAME_TIME_S,
-    acting,
     filter_parameters,
     first_moment,
     observe_filter,
@@ -44,6 +31,7 @@ from .filter import (
 from .noise import ProcessNoise, SensorNoise
 
 _ESTIMATE_SIZE: Final = ESTIMATE.itemsize // 8
+NO_CHANGE: Final = np.zeros(MAPPED)
 _NOT_KNOWN: Final = np.full(len(Input), math.nan)
 
 
@@ -99,7 +87,12 @@ class ExtendedKalmanFilter:
         self.parameters = filter_parameters(vehicle, sensors, process, gate_probability, memory_s)
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
-        self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.empty((32, 4))
+        self._state = (
+            history,
+            np.empty((17, ROW)),
+            np.empty((512, HELD)),
+            np.zeros((32, 1 + len(Input) + MAPPED)),
+        )
 
     def warm_up(self) -> None:
         """Compile or load what an update needs; the filter's state does not change."""
@@ -124,7 +117,7 @@ class ExtendedKalmanFilter:
         return estimate_view(estimate, Innovations(innovations))
 
     def observe(
-        self, time_s: float, rows: FloatArray, command: FloatArray
+        self, time_s: float, rows: FloatArray, command: FloatArray, change: FloatArray = NO_CHANGE
     ) -> tuple[FloatArray, FloatArray]:
         """Do `update` on flat arrays; return `ESTIMATE` and rows (n, `INNOVATION`).
 
@@ -132,7 +125,7 @@ class ExtendedKalmanFilter:
         """
         self.reserve(len(rows))
         estimate, innovations = np.empty(_ESTIMATE_SIZE), np.zeros((len(rows), INNOVATION))
-        tick = time_s, command, estimate
+        tick = time_s, np.concatenate([command, change]), estimate
         if observe_filter(self.parameters, *self._state, rows, *tick, innovations):
             self.start()
             observe_filter(self.parameters, *self._state, rows[:0], *tick, innovations[:0])
@@ -185,16 +178,3 @@ class ExtendedKalmanFilter:
         h = history.view(HISTORY)[0]
         order = (h["begin"] + np.arange(h["moments"])) % (len(moments) - 1)
         return moments[order].view(MOMENT)[:, 0]
-
-    def commands(self, since_s: float, until_s: float) -> Iterator[tuple[float, FloatArray]]:
-        """Iterate over end time [s] and value (3,) of the commands that act between two times.
-
-        NaN where an input is not known.
-        """
-        history, _, _, commands = self._state
-        count = int(history.view(HISTORY)[0]["commands"])
-        while until_s - since_s > SAME_TIME_S:
-            command = np.empty(len(Input))
-            since_s = acting(self.parameters, commands, count, since_s, command)
-            since_s = since_s if since_s < until_s - SAME_TIME_S else until_s
-            yield since_s, command

@@ -21,6 +21,7 @@ from ..models.augmented_state import (
     DISTURBANCE_BOUND,
     INITIAL_SD,
     LENGTH,
+    MAPPED,
     SIZE,
     STATES,
     AugmentedState,
@@ -485,11 +486,26 @@ def predict_until(
     The commands are as in `acting`. Where one is not known, that steering or the speed is constant.
     """
     f, now = record(parameters, FILTER), record(moment, MOMENT)
-    command = local((_INPUTS,))
+    command, half = local((_INPUTS,)), local((MAPPED,))
     while until_s - now.time_s > SAME_TIME_S:
         end_s = acting(parameters, commands, count, now.time_s, command)
+        n = 1
+        while n < count - 1 and commands[n, 0] <= now.time_s + SAME_TIME_S:
+            n += 1
+        share = 0.0
+        if n < count:
+            for i in range(MAPPED):
+                share = max(share, abs(commands[n, 1 + _INPUTS + i]))
+        if share > 0.0:
+            if commands[n, 0] > now.time_s + SAME_TIME_S:
+                end_s = min(end_s, commands[n, 0])
+            span_s = max(commands[n, 0] - commands[n - 1, 0], SAME_TIME_S)
+            share = 0.5 * (min(end_s, until_s) - now.time_s) / span_s
         if end_s >= until_s - SAME_TIME_S:
             end_s = until_s
+        for i in range(MAPPED):
+            half[i] = share * commands[n, 1 + _INPUTS + i] if share > 0.0 else 0.0
+            now.augmented[0, STATES + i] += half[i]
         for i in range(2):
             if math.isnan(command[i]):
                 command[i] = now.valves[i]
@@ -498,6 +514,8 @@ def predict_until(
             command[Input.HP] = rim / f.vehicle[VehicleParameter.SPEED_GAIN]
         span_s = end_s - now.time_s
         predict(parameters, moment, command, span_s, steps_over(span_s))
+        for i in range(MAPPED):
+            now.augmented[0, STATES + i] += half[i]
         now.time_s = end_s
     now.time_s = until_s
 
@@ -575,7 +593,7 @@ def observe_filter(
     if h.commands == 0 or commands[h.commands - 1, 0] != now_s:
         h.commands += 1
     commands[h.commands - 1, 0] = now_s
-    for j in range(_INPUTS):
+    for j in range(_INPUTS + MAPPED):
         commands[h.commands - 1, 1 + j] = command[j]
 
     # Headings of both bodies for the antennas: before the start the line between them
@@ -699,7 +717,7 @@ def observe_filter(
         longest_s = max(longest_s, parameters[VehicleParameter.DEAD_TIME_T + j])
     for k in range(h.commands):
         if commands[k, 0] >= oldest_s - longest_s:
-            for j in range(4):
+            for j in range(1 + _INPUTS + MAPPED):
                 commands[count, j] = commands[k, j]
             count += 1
     h.commands = count
@@ -801,7 +819,8 @@ def first_moment(
     slow = max(sensors.difference_variance, _LEAST_VARIANCE)
     bias = max(sensors.yaw_rate_bias**2, _LEAST_VARIANCE)
     offset = max(sensors.angle_offset**2, _LEAST_VARIANCE)
-    others = [*INITIAL_SD**2, slow, slow, offset, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
+    joint = sensors.angle_offset**2 or process.joint**2
+    others = [*INITIAL_SD**2, slow, slow, joint, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
     row = np.zeros(ROW)
     start = row.view(MOMENT)[0]
     start["time_s"] = max(reading.time_s for reading in readings.values())
@@ -833,7 +852,7 @@ def filter_parameters(
     lengths = {sensor: LENGTH.get(sensor, 1) for sensor in Sensor}  # of a gyro, its yaw rate
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
-    f["vehicle"] = vehicle_parameters(vehicle)
+    f["vehicle"] = vehicle_parameters(vehicle, not sensors.angle_offset)
     f["fading"] = process.fading(sensors).ravel()
     f["rates"] = process.rates(sensors)
     f["walk"], f["gyro_sampling"] = process.scale_walk**2, process.gyro_sampling**2
@@ -845,6 +864,9 @@ def filter_parameters(
     f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
     f["memory_s"] = memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
+    f["unfollowed"][State.DELTA_T] = sensors.angle_offset**2  # `STEERING` takes it up
+    if sensors.angle_offset:
+        f["unfollowed"][State.DELTA_I] = process.joint**2
     # The slip behind `slip_forward` is white in the model, and correlated over `bump_m` in truth.
     # Of variance s^2 and autocorrelation exp(-|x| / l) it has the density 2 l s^2 (Gelb 1974, 3.6).
     f["fast_speed"] = process.slip_forward**2 / (2.0 * process.bump_m)
