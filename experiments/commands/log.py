@@ -169,31 +169,11 @@ def tube(arguments: argparse.Namespace) -> int:
     return options.EXIT_CHECK_FAILED if warnings else 0
 
 
-@command(options.LOG, out("VEHICLE.toml", "default: none"))
-def vehicle(arguments: argparse.Namespace) -> int:
-    """Fit wheelbase, hitch offset, drawbar and trailer length to the samples of a run.
-
-    Prints them with their standard deviations. With -o it writes the scenario's vehicle file
-    with these lengths, for plant.vehicle.file.
-    """
-    from ..logs.calibrate import calibrate
-
-    if arguments.out is not None:
-        refuse_existing(arguments.out)
-    calibration = calibrate(arguments.log)
-    print("\n".join(calibration.format()))
-    if arguments.out is not None:
-        write_file(arguments.out, calibration.file)
-        print(f"written to {arguments.out}")
-    return 0
-
-
 fit = Group(
     """\
-Fit parts of a controller to the logs of runs.
+Fit a tube to the logs of runs.
 
   ttempc fit tube runs/grass-* -o tube.json
-  ttempc fit vehicle runs/DIR -o vehicle.toml
 """,
-    {"tube": tube, "vehicle": vehicle},
+    {"tube": tube},
 )

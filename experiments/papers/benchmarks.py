@@ -22,8 +22,9 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import FrameType, FunctionType
+from types import FrameType, FunctionType, ModuleType
 from typing import Final
+from unittest import mock
 
 import mujoco
 import numpy as np
@@ -53,6 +54,7 @@ from ..sweep.study import ListAxis
 from ..sweep.study import Study as SweepStudy
 from ..sweep.sweep import sweep
 from ..threads import use_one_thread
+from .memory import peak_mb
 from .study import Study
 from .tables import markdown
 
@@ -284,16 +286,12 @@ def start_up(repeats: int = 5) -> list[Figure]:
 # --- Sweep ----------------------------------------------------------------------------------------
 
 
-def peak_mb() -> float:
-    """Return the peak memory of this process [MB]; `getrusage` begins with that of the parent."""
-    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-    return float(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024.0
-
-
 def _sweep(study: SweepStudy, workers: int, parent: Path) -> tuple[float, list[Row], float]:
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak [MB]."""
     taken, folder = 0.0, None
-    with engine(workers) as cores:
+    # workers load what those of `ttempc sweep` do, and no main module of this process
+    bare = {"__main__": ModuleType("__main__")}
+    with mock.patch.dict(sys.modules, bare), engine(workers) as cores:
         for seeds in (workers, study.seeds):
             plan = SweepPlan("benchmark", replace(study, seeds=seeds))
             folder = SweepFolder(Path(tempfile.mkdtemp(dir=parent)), Origin.here("", plan.size))
