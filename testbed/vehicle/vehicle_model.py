@@ -89,6 +89,9 @@ def physics_model(spec: mujoco.MjSpec, coupled: bool) -> mujoco.MjModel:
     model = lean.compile()
     for body in range(1, model.nbody):
         _align_inertia(model, body)
+    for same in (model.geom_sameframe, model.site_sameframe):  # as inertias that were turned
+        same[same == mujoco.mjtSameFrame.mjSAMEFRAME_INERTIA] = 0
+        same[same == mujoco.mjtSameFrame.mjSAMEFRAME_INERTIAROT] = 0
     return model
 
 
@@ -103,12 +106,6 @@ def _align_inertia(model: mujoco.MjModel, body: int) -> None:
         kind = mujoco.mjtSameFrame
         moved = model.body_ipos[body].any()
         model.body_sameframe[body] = kind.mjSAMEFRAME_BODYROT if moved else kind.mjSAMEFRAME_BODY
-        for same, parts in (
-            (model.geom_sameframe, model.geom_bodyid),
-            (model.site_sameframe, model.site_bodyid),
-        ):
-            by_inertia = np.isin(same, (kind.mjSAMEFRAME_INERTIA, kind.mjSAMEFRAME_INERTIAROT))
-            same[by_inertia & (parts == body)] = kind.mjSAMEFRAME_NONE
 
 
 def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, str]:
