@@ -55,6 +55,7 @@ from ..sweep.study import Study as SweepStudy
 from ..sweep.sweep import sweep
 from ..threads import use_one_thread
 from .memory import peak_mb
+from .studies.effects import BASE, EFFECTS
 from .study import Study
 from .tables import markdown
 
@@ -203,6 +204,29 @@ def loop_ratio(
     ]
 
 
+def effect_ratios(repeats: int = 6, blocks: int = 6) -> list[Figure]:
+    """Return what each effect of the study `effects` adds to a step of the physics on `farm`.
+
+    In frozen bare steps; plants with and without it alternate, the fastest block counts.
+    """
+    plants = {}
+    for name, changes in EFFECTS.items():
+        plant = plants[name] = assemble(load("farm", (*BASE, *changes))[1], SEED).plant
+        plant.reset(0.0, 0.0, 0.0, 1.5)
+        plant.advance(Command(0.05, 0.0, 0.5), 1000)
+    starts, spent = {name: plant.snapshot() for name, plant in plants.items()}, defaultdict(list)
+    for _ in range(repeats):
+        spent["bare"].append(bare_step_s())
+        for (name, plant), _ in itertools.product(plants.items(), range(blocks)):
+            plant.restore(starts[name])
+            begin = time.thread_time()
+            plant.drive(Command(0.05, 0.0, 0.5), 25, 20)
+            spent[name].append((time.thread_time() - begin) / 500)
+    least = {name: min(times) for name, times in spent.items()}
+    ratios = {name: (least[name] - least["none"]) / least["bare"] for name in EFFECTS}
+    return [Figure(f"{name}, bare steps", ratio) for name, ratio in ratios.items()][1:]
+
+
 def calls_of_a_period(overrides: Sequence[str] = (), ticks: int = 40) -> dict[str, float]:
     """Return the Python calls of a control period of `grass` in memory, by stage: exact counts.
 
@@ -331,6 +355,7 @@ def sweeps(seeds: int = 4) -> list[Figure]:
 PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
     "ticks": ticks,
     "loop": loop_ratio,
+    "effects": effect_ratios,
     "calls": calls,
     "start-up": start_up,
     "sweep": sweeps,
