@@ -159,7 +159,7 @@ _BODY_FIXED, _MAP_FIXED = slice(7, 12), slice(12, 16)  # disturbances in `error_
 class NmpcRtiOptions(MpcOptions):
     """Options of `nmpc-rti`."""
 
-    damping_s: float = 0.0
+    damping_s: float = 0.4
     solver: Solver = "daqp"  # of the QP: the faster one, or "piqp"
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 
