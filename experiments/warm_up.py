@@ -51,7 +51,7 @@ def _compile() -> None:
 
     _, scenario = load("grass", ["path={kind='straight', length_m=6}"])
     assembly = assemble(scenario, seed=1)
-    for part in (assembly.guidance._controller, assembly.guidance._monitors):
+    for part in (assembly.guidance._parts.controller, assembly.guidance._monitors):
         if isinstance(part, WarmingUp):
             part.warm_up()
     assembly.plant.restore(assembly.start)

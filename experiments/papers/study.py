@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ttempc.guidance.guidance import ControllerFactory
+from ttempc.guidance.parts import ControllerFactory
 
 from ..results.summary import Summary
 from ..run.simulate import simulate

@@ -1,4 +1,8 @@
-"""One run, in memory or into a folder, and what its log holds beside the channels."""
+"""A run: scenario and seed -> plant, sensors and guidance -> drive -> record -> summary.
+
+`simulate` keeps it in memory, `run` writes a folder, `drive_into` drives. Parts: `assembly.py`,
+`testbed/simulation/loop.py`, `testbed/log/writer.py`, `experiments/results/summary.py`.
+"""
 
 from __future__ import annotations
 

@@ -48,13 +48,10 @@ class Supervised(Supervisor):
         """Return the step of tick `k`; the estimate is None where there is none."""
         self.alarms = alarms
         rows = np.array([[alarm.reaction, 0.0, 0.0, 0.0] for alarm in alarms]).reshape(-1, ALARM)
-        command = self.drive(
-            None if estimate is None else estimate_row(estimate),
-            k,
-            k * PERIOD_S if time_s is None else time_s,
-            rows,
-            lambda: estimate,
-        )
+        row = None if estimate is None else estimate_row(estimate)
+        if self.decide(row, k, k * PERIOD_S if time_s is None else time_s, rows):
+            self.ask(row, k, lambda: estimate)
+        command = self.finish()
         return ControlStep(Command(*command.tolist()), self.diagnostics())
 
 

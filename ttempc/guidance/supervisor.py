@@ -606,15 +606,8 @@ class Supervisor:
         """Whether the reference stays at the tick of the last step."""
         return bool(self.tick.view(TICK)[0]["waits"])
 
-    def drive(
-        self,
-        row: FloatArray | None,
-        k: int,
-        now: float,
-        alarms: FloatArray,
-        view: Callable[[], Estimate],
-    ) -> FloatArray:
-        """Return the command of a tick within the vehicle's limits, (3,); `tick` is its record.
+    def decide(self, row: FloatArray | None, k: int, now: float, alarms: FloatArray) -> bool:
+        """Begin the record `tick` of a step; return whether the controller is to be asked.
 
         Args:
             row: record `ESTIMATE`, possibly old or not finite; None where there is none since the
@@ -622,18 +615,13 @@ class Supervisor:
             k: control tick, counted from the start of the reference.
             now: present time on the clock of the estimate [s].
             alarms: of the detectors, rows (m, `ALARM`).
-            view: returns the estimate, for a controller that is not compiled.
-
-        Raises:
-            ControllerFailed: the controller raised, or returned neither a `Command` nor a
-                `ControlStep` with numbers and arrays of the documented shapes.
         """
-        course, guard, tick = self._course, self._guard, self.tick
+        course, guard = self._course, self._guard
         fresh, estimate = row is not None, _NO_ESTIMATE if row is None else row
         sample = min(k, len(course.state) - 1)
         if self.space_based and np.isfinite(estimate[1:3]).all():
             sample = round(self._projection.place(*estimate[1:3].tolist()))
-        mode = decide(sample, now, fresh, estimate, alarms, course, guard, tick)
+        mode = decide(sample, now, fresh, estimate, alarms, course, guard, self.tick)
         self._told, self._sample, self._alarms = None, k, alarms
         self._asked = self._law if mode in (DRIVE, ON_PATH) else None
         memory = guard.view(GUARD)[0]
@@ -642,13 +630,17 @@ class Supervisor:
             self._held = ""
         elif not self._held:
             self._held = self._reasons(held, memory["held_numbers"])
-        if mode in (DRIVE, ON_PATH):
-            self._ask(estimate, view, k)
-        finish(self._law is not None, course, self._commands, guard, tick)
-        return memory["sent"].copy()
+        return mode in (DRIVE, ON_PATH)
 
-    def _ask(self, row: FloatArray, view: Callable[[], Estimate], k: int) -> None:
-        """Let the controller write its actions, or a user's its command, into the record."""
+    def ask(self, row: FloatArray, k: int, view: Callable[[], Estimate]) -> None:
+        """Let the controller write its actions, or a user's its command, into the record.
+
+        `view` returns the estimate of `row`, for a controller that is not compiled.
+
+        Raises:
+            ControllerFailed: the controller raised, or returned neither a `Command` nor a
+                `ControlStep` with numbers and arrays of the documented shapes.
+        """
         before, tick = self._guard[:3], self.tick
         if self._dead_times:
             before, ahead = self._commands[0], self._dead_times.predicted(row)
@@ -662,6 +654,11 @@ class Supervisor:
         write_told(self._told, tick)
         control = tick.view(TICK)[0]["control"]
         control[:, 4], control[:, 7] = command, self._told.limited
+
+    def finish(self) -> FloatArray:
+        """Return the command of the step within the vehicle's limits, (3,)."""
+        finish(self._law is not None, self._course, self._commands, self._guard, self.tick)
+        return self._guard[:3].copy()
 
     @property
     def stopping(self) -> bool:

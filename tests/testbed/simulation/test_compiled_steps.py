@@ -7,7 +7,8 @@ from proving_ground.testbed.actuation.actuators import ActuatorSpecification, St
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.implement.implement import Implement
-from proving_ground.testbed.simulation.compiled_steps import MOTION_M, clearance, disable_flags
+from proving_ground.testbed.simulation.clearance import MOTION_M, clearance
+from proving_ground.testbed.simulation.compiled_steps import disable_flags
 from proving_ground.testbed.simulation.plant import Plant
 
 from tests.testbed.plants import SMALL, state_hash
