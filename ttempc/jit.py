@@ -38,6 +38,9 @@ if hasattr(os, "register_at_fork"):
         after_in_child=global_compiler_lock.release,
     )
 
+FAST: Final = {"reassoc", "contract", "arcp", "nsz"}
+"""`fastmath` of a kernel whose sums may have any order; numbers that are not finite stay so."""
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -223,7 +226,8 @@ def fingerprint(function: FunctionType) -> str:
 def _described(name: str, value: object) -> str:
     match value:
         case Dispatcher():
-            return fingerprint(value.py_func)
+            allowed = sorted(value.targetoptions.get("fastmath", ()))
+            return f"{allowed} {fingerprint(value.py_func)}"
         case _Intrinsic():
             return inspect.getsource(inspect.getmodule(value._defn) or value._defn)
         case EnumType():

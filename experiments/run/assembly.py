@@ -21,13 +21,13 @@ from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
 from ...testbed.randomness import generator
-from ...testbed.recording.record import Sink
+from ...testbed.recording.record import RESUMED, Event, Sink
 from ...testbed.sensing.sensors import SensorSuite
 from ...testbed.sensing.truth_estimator import TruthEstimator
 from ...testbed.simulation.deadline import Deadline
 from ...testbed.simulation.loop import STAGES, with_stages
 from ...testbed.simulation.plant import Plant, Snapshot
-from ...testbed.simulation.setup import SimulationSetup, Stage
+from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.simulation.termination import TerminationLimits
 from ..errors import InvalidScenario
 from ..scenario.controller import TRUTH
@@ -189,8 +189,21 @@ def assemble(
             *(() if factory else scenario.controller.notes(vehicle, scenario.control.period_s)),
         ),
         control=scenario.control,
-        stages=with_stages([*plan.timetable.stages(plant), *user_stages]),
+        stages=with_stages(
+            [*_operator(scenario.control), *plan.timetable.stages(plant), *user_stages]
+        ),
     )
+
+
+def _operator(control: ControlSettings) -> list[tuple[str, Stage]]:
+    ticks = {math.ceil(time_s / control.period_s - 1e-9) for time_s in control.resume_s}
+
+    def operate(setup: SimulationSetup, tick: TickContext) -> None:
+        if tick.k in ticks:
+            setup.guidance.resume()
+            setup.sink.event(Event(tick.now.time_s, "info", RESUMED))
+
+    return [("estimate", operate)] if ticks else []
 
 
 def check(scenario: Scenario) -> int:

@@ -49,6 +49,8 @@ class ControlSettings:
     step_limit_s: Annotated[float, Field(ge=1.0, le=3600.0)] = STEP_LIMIT_S
     """Processor time after which a step that does not return ends the run as invalid; one that
     sleeps ends it after ten times as long."""
+    resume_s: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] = ()
+    """Times at which an operator lets a stopped vehicle drive on, see `Guidance.resume`."""
 
     @property
     def period_s(self) -> float:

@@ -42,13 +42,17 @@ class _Command(_Message):
     hp: float | None = None
 
 
-_RECEIVED: Final[TypeAdapter[_Hello | _Command]] = TypeAdapter(
-    Annotated[_Hello | _Command, Field(discriminator="type")]
+class _Resume(_Message):
+    type: Literal["resume"]
+
+
+_RECEIVED: Final[TypeAdapter[_Hello | _Command | _Resume]] = TypeAdapter(
+    Annotated[_Hello | _Command | _Resume, Field(discriminator="type")]
 )
 
 
 class JsonProtocol(WireProtocol):
-    """Datagrams `hello` and `command` in, `welcome`, `samples` and `end` out."""
+    """Datagrams `hello`, `command` and `resume` in, `welcome`, `samples` and `end` out."""
 
     name = "json"
 
@@ -60,8 +64,8 @@ class JsonProtocol(WireProtocol):
         """Return the command, or the welcome as a reply to a hello.
 
         Raises:
-            Refused: too long, no JSON object of the two types, unknown keys, values out of range,
-                a command before the hello.
+            Refused: too long, no JSON object of the three types, unknown keys, values out of range,
+                one before the hello.
         """
         if len(payload) > _MOST_BYTES:
             raise Refused(f"a datagram of {len(payload)} bytes, must be {_MOST_BYTES} at most")
@@ -77,7 +81,9 @@ class JsonProtocol(WireProtocol):
             welcome = {"type": "welcome", "version": message.version, **asdict(self._facts)}
             return Received(replies=(_encoded(welcome),))
         if not self.ready:
-            raise Refused("command before a hello")
+            raise Refused(f"{message.type} before a hello")
+        if isinstance(message, _Resume):
+            return Received(resume=True)
         return Received(
             RemoteCommand(message.tick, message.delta_t_rad, message.delta_i_rad, message.hp)
         )

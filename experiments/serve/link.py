@@ -87,6 +87,7 @@ class Received(NamedTuple):
 
     command: RemoteCommand | None = None
     replies: Sequence[bytes] = ()
+    resume: bool = False  # whether the operator lets a stopped vehicle drive on
 
 
 class WireProtocol:

@@ -17,7 +17,7 @@ from ttempc.types import Command, Estimate, Input, State
 from ttempc.vehicle import Vehicle
 
 from ...testbed.errors import StageFailed
-from ...testbed.recording.record import Event
+from ...testbed.recording.record import RESUMED, Event
 from ...testbed.simulation.loop import with_stages
 from ...testbed.simulation.setup import SimulationSetup, TickContext
 from ...testbed.simulation.termination import TerminationLimits
@@ -181,7 +181,7 @@ class Session:
         self._latest_tick = -1  # of the latest command
         self._open = False  # whether a command of the present tick is in time
         self._due = 0.0  # when the present tick begins, on the monotonic clock [s]
-        self._running = False
+        self._running = self._resume = False  # whether the operator has said so since the last tick
         self._samples: tuple[bytes, ...] = ()  # sent last, and when on the monotonic clock [s]
         self._sent_s = 0.0
         self._ended = False
@@ -301,6 +301,10 @@ class Session:
         self._open = True
         self._listen(until, lambda: self._latest_tick == tick.k)
         self._open = False
+        if self._resume:
+            self._resume = False
+            self._guidance.resume()
+            setup.sink.event(Event(tick.now.time_s, "info", RESUMED))
         self.commands.silence_s = (tick.k - self._latest_tick) * self._period_s
         if self._latest_tick == tick.k:
             self.used += 1
@@ -330,6 +334,7 @@ class Session:
         elif self._link.peer is None and len(self._link.audience) < _MOST_LISTENERS:
             self._link.audience.add(address)
         self._send(received.replies)
+        self._resume |= received.resume and self._running
         if received.command is not None and self._running:
             self._keep(received.command)
 

@@ -33,7 +33,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """An executor, its number of parallel tasks, and its error for a dead worker."""
+    """An executor, the number of tasks that it has at a time, and its error for a dead worker."""
 
     executor: Executor
     width: Callable[[], int]
@@ -121,7 +121,8 @@ def engine(workers: int | None = None, address: str | None = None) -> Iterator[E
     else:
         count = workers or cores()
         with Processes(count) as executor:
-            yield Engine(executor, lambda: count, BrokenProcessPool)
+            # one task more than workers: none of them waits for the driver
+            yield Engine(executor, lambda: count + 1, BrokenProcessPool)
 
 
 def imap_bounded(

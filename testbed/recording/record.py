@@ -23,6 +23,7 @@ FAULT: Final = "fault: "  # that a fault begins or ends,
 REACTION: Final = "reaction: "  # how the guidance departs from the controller,
 REACTION_ENDED: Final = "reaction ended"
 OVERRUN: Final = "overrun: "  # that a step took longer than its period
+RESUMED: Final = "resumed by an operator"
 BEGINS: Final = " begins"
 ENDS: Final = " ends"
 

@@ -1,11 +1,11 @@
 """The plant's step: physics with soil wheels in one compiled call, `soil_steps`.
 
 Its parts: `actuation/actuators.py`, `wheels/tyre_kernel.py`, `vehicle/steering_coupling.py`,
-`implement/tool_kernel.py`, MuJoCo, `clearance.py`, `moment.py`.
+`implement/tool_kernel.py`, `dynamics.py`, `clearance.py`, `moment.py`.
 
 MuJoCo's functions are called by their symbols in its library, without Python in between. An error
 inside MuJoCo, such as a lack of memory for its stack, therefore ends the process; a state that is
-not finite remains a warning of MuJoCo's.
+not finite is found when the call has ended.
 """
 
 # mujoco fills its name space from compiled modules without type information
@@ -14,13 +14,12 @@ not finite remains a warning of MuJoCo's.
 import ctypes
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 import llvmlite.binding
 import mujoco
 import numpy as np
-from numba import config, types
+from numba import config
 from numpy.typing import NDArray
 
 from ttempc.jit import cached_njit
@@ -34,16 +33,8 @@ from ..vehicle.steering_coupling import couple_joints
 from ..wheels.tyre_kernel import wheel_step
 from ..wheels.wheel_models import SoilWheels
 from .clearance import chassis_arguments, clearance
+from .dynamics import EXPLICIT, all_positions, dynamics_arguments, move, positions
 from .moment import write_moment
-
-for _pattern in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
-    for _library in Path(mujoco.__file__).parent.glob(_pattern):
-        # loaded already by `mujoco`: this makes its symbols known to numba
-        llvmlite.binding.load_library_permanently(str(_library))
-
-_OF_MODEL_AND_DATA: Final = types.void(types.intp, types.intp)
-_step1: Final = types.ExternalFunction("mj_step1", _OF_MODEL_AND_DATA)
-_step2: Final = types.ExternalFunction("mj_step2", _OF_MODEL_AND_DATA)
 
 
 def clock() -> np.ndarray:
@@ -66,6 +57,7 @@ def soil_steps(
     wheels: tuple[Any, ...],
     coupling: tuple[Any, ...],
     tool: tuple[Any, ...] | None,
+    dynamics: tuple[Any, ...],
     chassis: tuple[Any, ...],
     reaches: FloatArray,
     limits: FloatArray,
@@ -92,14 +84,15 @@ def soil_steps(
 
     Args:
         model, data: addresses; positions and velocities are up to date before and after.
-        wheels, coupling, chassis, moment: arguments of `wheel_step`, `couple_joints`, `clearance`,
-            and of `write_moment` from places on.
+        wheels, coupling, dynamics, chassis, moment: arguments of `wheel_step`, `couple_joints`, of
+            `move` from tree on, of `clearance`, and of `write_moment` from places on.
         tool: arguments of `tool_step`, None without an implement.
         reaches: (nv,) largest distance by which a unit of each degree of freedom moves a point of
             the chassis, [m] or [m/m].
         limits: (n, 3) place in the positions, least and greatest value of each limited joint.
-        looked: (nq + 1,) positions at the end of the last call, and the distance [m] that the
-            chassis could then move without meeting the ground. It holds at these positions only.
+        looked: (nq + 2,) positions at the end of the last call, whether there was no constraint,
+            and the distance [m] that the chassis could then move without meeting the ground. Both
+            hold at these positions only.
         flags: (1,) flags of MuJoCo's model by which parts are off, as found afterwards.
         unused: flags of the parts without use while no shape is near the ground and no limit is
             passed.
@@ -118,6 +111,7 @@ def soil_steps(
     for i in range(qpos.size):
         if looked[i] != qpos[i]:
             free = 0.0
+    smooth = free > 0.0 and looked[-2] > 0.0
     for axis in range(3):
         ctrl[axis] = command[axis]
     for stop in range(rows.shape[0]):
@@ -130,7 +124,7 @@ def soil_steps(
             couple_joints(*coupling)
             if tool is not None:
                 tool_step(*tool)
-            _step2(model, data)
+            move(model, data, smooth, timestep, *dynamics)
             # The shapes are where they were before the step, the velocities those that moved them.
             motion = 0.0
             for dof in range(qvel.size):
@@ -143,12 +137,16 @@ def soil_steps(
             for joint in range(limits.shape[0]):
                 angle = qpos[int(limits[joint, 0])]
                 inside = inside and limits[joint, 1] <= angle <= limits[joint, 2]
-            flags[0] = given | unused if inside else given
-            _step1(model, data)
+            if inside and smooth:
+                positions(model, data, *dynamics)
+            else:  # also once more where constraints end, so that none is left
+                flags[0] = given | unused if inside else given
+                all_positions(model, data)
+                smooth = inside
             time += timestep
         write_moment(time, rows[stop], poses[stop], tools[stop], *moment)
     flags[0], clock[0] = given, timer
-    looked[-1] = free
+    looked[-1], looked[-2] = free, smooth
     for i in range(qpos.size):  # a slice would compile numba's texts of errors
         looked[i] = qpos[i]
 
@@ -167,6 +165,7 @@ def compiled_steps(
     """
     if config.DISABLE_JIT:
         return None
+    model.opt.disableflags |= EXPLICIT
     limited = np.flatnonzero(model.jnt_limited)
     within = model.jnt_range[limited] + np.outer(model.jnt_margin[limited], [1.0, -1.0])
     return partial(
@@ -176,9 +175,10 @@ def compiled_steps(
         wheels.arguments,
         wheels.coupling,
         implement.arguments if implement else None,  # None: `tool_step` is not compiled
+        dynamics_arguments(model, data),
         *chassis_arguments(model, data, ground),
         np.column_stack([model.jnt_qposadr[limited], within]),
-        np.zeros(model.nq + 1),
+        np.zeros(model.nq + 2),
         moment,
         disable_flags(model),
         int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT),

@@ -36,7 +36,7 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.jit import cached_njit
+from ttempc.jit import FAST, cached_njit
 from ttempc.types import FloatArray
 
 from . import tyre
@@ -140,7 +140,7 @@ def press(
     return work * grid[2] ** 2 / (travel * (width + _EDGES * grid[2]))
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST)
 def wheel_step(
     law: FloatArray,
     tyres: FloatArray,
@@ -282,7 +282,7 @@ def wheel_step(
         rim = radius * (wx * ax + wy * ay + wz * az)
         rolling = max(abs(rim), abs(v_long))
         output[wheel, 1] = (rim - v_long) / max(rolling, _SMALL_SPEED)
-        output[wheel, 2] = math.atan2(v_lat, max(abs(v_long), _SMALL_SPEED))
+        output[wheel, 2] = math.atan(v_lat / max(abs(v_long), _SMALL_SPEED))
 
         pressure = 1e3 * cone_index / max(load, _SMALLEST_LOAD)
         bn, m = pressure * tyres[wheel, 2], pressure * tyres[wheel, 3]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tests.reference.estimation.augmented_state import slips
+from tests.reference.estimation.augmented_state import density, predicted_measurement, slips
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.guidance.controllers import make_controller
@@ -17,7 +17,6 @@ from ttempc.models.augmented_state import (
     STATES,
     AugmentedState,
     advance_augmented_state,
-    predicted_measurement,
     vehicle_parameters,
 )
 from ttempc.models.rows import WIDTH
@@ -87,19 +86,19 @@ class SensedDrive:
         measurements = []
         augmented, unused = augmented.copy(), np.empty((SIZE, WIDTH))
         for j in range(1, SUBSTEPS + 1):
-            density = noise.density(augmented, noise.scales, VEHICLE, SensorNoise())
+            added = density(noise, augmented, noise.scales, VEHICLE, SensorNoise())
             advance_augmented_state(
                 augmented,
                 self._valves,
                 command.as_array(),
-                vehicle_parameters(VEHICLE),
+                vehicle_parameters(VEHICLE, True),
                 noise.fading(SensorNoise()).ravel(),
                 step_s,
                 unused,
             )
-            entries = int(AugmentedState.OFFSET_I)  # the drive has neither offsets nor gyros
-            density = density[:entries, :entries]
-            root = np.linalg.cholesky(density * step_s + 1e-24 * np.eye(entries))
+            entries = int(AugmentedState.OFFSET_HITCH)  # the drive has neither offsets nor gyros
+            added = added[:entries, :entries]
+            root = np.linalg.cholesky(added * step_s + 1e-24 * np.eye(entries))
             augmented[:entries] += root @ self._generator.standard_normal(entries)
             sensors = FAST if j % FAST_EVERY == 0 else ()
             sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors
@@ -111,7 +110,7 @@ class SensedDrive:
     ) -> list[Measurement]:
         samples = []
         for sensor in sensors:
-            value, _ = predicted_measurement(sensor, augmented, VEHICLE)
+            value, _ = predicted_measurement(sensor, augmented, VEHICLE, True)
             sd = self.sensor_scale * SensorNoise().of(sensor)
             value = value + sd * self._generator.standard_normal(len(value))
             samples.append(Measurement(time_s, sensor, tuple(value.tolist())))

@@ -1,7 +1,7 @@
 """Extended Kalman filter over the articulated kinematics, for samples in any order."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -16,27 +16,14 @@ from ..layout import (
     measurements_of,
     sample_rows,
 )
-from ..models.augmented_state import (
-    LENGTH,
-    STATES,
-    AugmentedState,
-)
-from ..types import (
-    Command,
-    Estimate,
-    FloatArray,
-    Input,
-    Measurement,
-    Sensor,
-)
+from ..models.augmented_state import LENGTH, STATES, AugmentedState
+from ..types import Command, Estimate, FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
 from .filter import (
     HELD,
     HISTORY,
     MOMENT,
     ROW,
-    SAME_TIME_S,
-    acting,
     filter_parameters,
     first_moment,
     observe_filter,
@@ -185,16 +172,3 @@ class ExtendedKalmanFilter:
         h = history.view(HISTORY)[0]
         order = (h["begin"] + np.arange(h["moments"])) % (len(moments) - 1)
         return moments[order].view(MOMENT)[:, 0]
-
-    def commands(self, since_s: float, until_s: float) -> Iterator[tuple[float, FloatArray]]:
-        """Iterate over end time [s] and value (3,) of the commands that act between two times.
-
-        NaN where an input is not known.
-        """
-        history, _, _, commands = self._state
-        count = int(history.view(HISTORY)[0]["commands"])
-        while until_s - since_s > SAME_TIME_S:
-            command = np.empty(len(Input))
-            since_s = acting(self.parameters, commands, count, since_s, command)
-            since_s = since_s if since_s < until_s - SAME_TIME_S else until_s
-            yield since_s, command

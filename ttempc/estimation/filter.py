@@ -801,7 +801,8 @@ def first_moment(
     slow = max(sensors.difference_variance, _LEAST_VARIANCE)
     bias = max(sensors.yaw_rate_bias**2, _LEAST_VARIANCE)
     offset = max(sensors.angle_offset**2, _LEAST_VARIANCE)
-    others = [*INITIAL_SD**2, slow, slow, offset, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
+    joint = sensors.angle_offset**2 or process.joint**2
+    others = [*INITIAL_SD**2, slow, slow, joint, offset, bias, bias, *2 * [_LEAST_VARIANCE]]
     row = np.zeros(ROW)
     start = row.view(MOMENT)[0]
     start["time_s"] = max(reading.time_s for reading in readings.values())
@@ -833,7 +834,7 @@ def filter_parameters(
     lengths = {sensor: LENGTH.get(sensor, 1) for sensor in Sensor}  # of a gyro, its yaw rate
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
-    f["vehicle"] = vehicle_parameters(vehicle)
+    f["vehicle"] = vehicle_parameters(vehicle, not sensors.angle_offset)
     f["fading"] = process.fading(sensors).ravel()
     f["rates"] = process.rates(sensors)
     f["walk"], f["gyro_sampling"] = process.scale_walk**2, process.gyro_sampling**2
@@ -845,6 +846,9 @@ def filter_parameters(
     f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
     f["memory_s"] = memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
+    f["unfollowed"][State.DELTA_T] = sensors.angle_offset**2  # `STEERING` takes it up
+    if sensors.angle_offset:
+        f["unfollowed"][State.DELTA_I] = process.joint**2
     # The slip behind `slip_forward` is white in the model, and correlated over `bump_m` in truth.
     # Of variance s^2 and autocorrelation exp(-|x| / l) it has the density 2 l s^2 (Gelb 1974, 3.6).
     f["fast_speed"] = process.slip_forward**2 / (2.0 * process.bump_m)

@@ -162,6 +162,8 @@ class ProcessNoise:
     # Fixed
     drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
+    joint: float = 0.0005  # what loads turn RJ2 beside its set point, at the start [rad]; assumed
+    joint_walk: float = 0.0003  # random walk of it at a factor GROUND of 1 [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
     side_per_slope: float = 0.0  # side slip on the slope that IMUs show [rad/rad]; 0: not used
@@ -231,6 +233,8 @@ class ProcessNoise:
             for half, rate in zip(deviations, sensors.gnss_forgets, strict=True):
                 half[0, entries] = math.sqrt(2.0 * variance * rate)  # Gelb 1974, sec. 3.6
         per_metre[0, [state.OFFSET_I, state.OFFSET_HITCH]] = _OFFSET_WALK * sensors.angle_offset
+        if not sensors.angle_offset:
+            ground[state.OFFSET_I] = self.joint_walk
         if sensors.yaw_rate:
             per_second[0, [state.GYRO_T, state.GYRO_I]] = sensors.yaw_rate_walk
         return np.square(deviations)
@@ -243,23 +247,3 @@ class ProcessNoise:
             fading[:, of_gnss : of_gnss + 2] = np.array(sensors.gnss_forgets)[:, None]
         fading[1, :of_gnss] = [1.0 / self.body_fading_m] * 5 + [1.0 / self.map_fading_m] * 4
         return fading
-
-    def density(
-        self, augmented: FloatArray, scales: FloatArray, vehicle: Vehicle, sensors: SensorNoise
-    ) -> FloatArray:
-        """Return the covariance that an augmented state (24,) gathers per second, (24, 24).
-
-        At the factors `scales` (3,). A joint RJ2 that turns by w beside its model turns the trailer
-        by -w d cos(delta_i) / (L_i + d cos(delta_i)), as in `ttempc.models.kinematics.articulated`.
-        """
-        psi_t, delta_i = augmented[AugmentedState.PSI_T], augmented[AugmentedState.DELTA_I]
-        per_second, per_metre = self.rates(sensors)
-        speed = abs(augmented[AugmentedState.RIM])
-        density = np.diag(np.array([1.0, *scales]) @ (per_second + speed * per_metre))
-        acts_on = np.eye(SIZE)
-        acts_on[:2, :2] = [[np.cos(psi_t), -np.sin(psi_t)], [np.sin(psi_t), np.cos(psi_t)]]
-        drawbar = vehicle.drawbar_length * math.cos(delta_i)
-        acts_on[AugmentedState.PSI_I, AugmentedState.DELTA_I] = -drawbar / (
-            vehicle.trailer_length + vehicle.trailer_turning_offset + drawbar
-        )
-        return acts_on @ density @ acts_on.T

@@ -3,14 +3,12 @@
 The built-in ones are compiled, `observe_monitors`, and remember all in a flat record. Objects with
 names and words are views of it.
 
-The limits of repetitions, steering, motion, wheels and innovations are those at which these
-together give at most one false alarm in ten hours on every shipped scenario, or above, from tuning
-seeds; both steering angles, and both receivers, have the larger one of the two. Those of noise,
-hitch, position and drift are set by hand above what fault-free drives reached; how often they are
-wrong is in the table of false alarms of docs/appendix/faults.md. An allowance is half of the shift
-of a residual that is to be detected, as usual for a cumulative sum (Montgomery, Introduction to
-Statistical Quality Control, ch. 9). The shifts are assumed: a steering angle 2.5 deg off its
-command, and a speed that is 0.6 m/s, in the case of motion 0.7 m/s, off.
+The limits of repetitions, steering, motion, wheels and innovations give at most one false alarm in
+ten hours together on every shipped scenario, from tuning seeds; those of noise, hitch, position and
+drift are set by hand above what fault-free drives reached. How often they are wrong is in the table
+of false alarms of docs/appendix/faults.md. An allowance is half of the shift of a residual that is
+to be detected (Montgomery, Introduction to Statistical Quality Control, ch. 9): a steering angle
+2.5 deg off its command, a speed 0.6 m/s, of motion 0.7 m/s off; assumed.
 """
 
 import math
@@ -70,7 +68,6 @@ class Detector:
     limit: float
     statistic: float = 0.0  # present value, 0 or above
     residual: float = math.nan  # latest value of what the statistic is made from
-    allowance: float = math.nan  # of its cumulative sum, NaN where it has none
 
     def observe(self, observation: Observation) -> None:
         """Take in the data of a tick; they are not changed."""
@@ -93,9 +90,10 @@ class DetectorIndex(IntEnum):
     HITCH = 16  # against the motion of both bodies
     POSITION = 17  # against dead reckoning
     DRIFT = 18  # of both receivers
+    PROTECTION = 19  # level: a bound of the position's error, while a sensor is not used
 
 
-_COUNT: Final = 19  # detectors
+_COUNT: Final = 20  # detectors
 _GO_ON, _SLOW, _STOP_ON_PATH = map(float, (Reaction.GO_ON, Reaction.SLOW, Reaction.STOP_ON_PATH))
 _ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
 _SATURATION: Final = 1.5  # limits at which a sum saturates: an alarm ends soon after its cause
@@ -117,22 +115,26 @@ _MOST_LEARNT: Final = 2000.0
 
 _SETTLED_S: Final = 8.0  # from the start on, in which the filter settles
 _HITCH_MEAN: Final = 7.0  # mean of the hitch's whitened innovations in a second, standard normal
+_HITCH_CURVE: Final = math.radians(0.25)  # of a sensor in order beside its offset; assumed
 _HITCH_SLIP: Final = 0.032  # [rad] side slip of tractor less that of the trailer, without slopes
 # From dead reckoning: on ground without bumps, and at a learnt factor of roughness of 1
 _POSITION_M: Final = 0.25, 0.12
 _POSITION_S: Final = 10.0  # memory of dead reckoning
 _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side slip; assumed
-# Of the speed: common to both slips, side slip alone. On tuning seeds, fields without a fault reach
-# 0.9 of the first limit (kayacan2016) and of the second.
-_DRIFT: Final = 0.0095, 0.033
+# Of the speed: common to both slips, side slip alone, each at first and of the mean of a minute of
+# what looks like a slope; wheel slip below 0.
+_DRIFT: Final = 0.0095, 0.6, 0.013, 0.8, 0.04
+_STEEP: Final = 0.03  # that mean from which on the first limit grows
+_SLOPES_S: Final = 60.0
 # On parallel tracks alone a slope across them, a slip along them and a drift are one.
 _HEADING_S: Final = 40.0
 _JUDGED_S: Final = 20.0  # from the start on: before, a turned entry is many of the headings
 _LEAST_SPREAD: Final = 0.25  # of headings: 0 on parallel tracks, near 1 on a circle
 _ROUGH_S: Final = 30.0  # mean of the learnt roughness
-_DRIFT_S: Final = 5.0  # for which they are averaged
+_DRIFT_S: Final = 3.0  # for which they are averaged
 _SLOPE: Final = 1.55  # least wheel slip on a slope over the side slip
 _MOVING: Final = 0.1  # [m/s]
+_LEVEL: Final = 1.2, math.sqrt(2.0 * math.log(1e5))  # [m]; deviations at a risk of 1e-5 a tick
 _SURE_M: Final = 0.2  # four standard deviations of a position that is known
 
 _INNOVATION: Final = (7.8, 7.8, 8.3, 5.0)  # GNSS, GNSS, hitch, encoder; standard normal equivalents
@@ -225,6 +227,8 @@ MONITORS: Final = np.dtype(
         ("drift", "f8"),  # mean of what no slope explains
         ("heading", "f8", 2),  # mean of a vector at twice the yaw
         ("rough", "f8"),  # mean of the learnt factor of roughness
+        # Means: both slips as a slope; wheel slip of a second, of a minute, by the plan of a second
+        ("slips", "f8", 4),
         ("workspace", "f8", 102 * 101 // 2),  # slopes of a second; means of the response
     ]
 )
@@ -347,7 +351,7 @@ def _observe_estimate(
     s, e = record(monitors, MONITORS), record(estimate, ESTIMATE)
     statistic, residuals, alarms, x = s.statistic, s.residual, s.alarms, e.state
     # Where a receiver or a steering angle contradicts the estimate, the hitch need not be wrong.
-    total, entries, known = 0.0, 0.0, True
+    total, entries, known, curve = 0.0, 0.0, True, 0.0
     for index in range(DetectorIndex.STEERING, DetectorIndex.MOTION):
         known = known and alarms[index, 0] < 0.0
     for index in range(DetectorIndex.INNOVATIONS, DetectorIndex.INNOVATIONS + 2):
@@ -357,6 +361,7 @@ def _observe_estimate(
         if sensor == SensorIndex.HITCH and math.isfinite(innovations[row, 4]):
             total += innovations[row, 4]
             entries += 1.0
+            curve = _HITCH_CURVE * math.exp(-0.5 * innovations[row, 6])
         elif SensorIndex.STEERING_TRACTOR <= sensor < SensorIndex.HITCH:
             known = known and (innovations[row, 2] == 0.0 or innovations[row, 3] > 0.0)
     kept = s.whitened[0]
@@ -372,11 +377,11 @@ def _observe_estimate(
     gx, gy = gear * e.map_disturbance[0], gear * e.map_disturbance[1]
     slip -= gy * (math.cos(x[2]) - math.cos(x[3])) - gx * (math.sin(x[2]) - math.sin(x[3]))
     if now >= _SETTLED_S and slip == slip:
-        ratio = abs(slip) / _HITCH_SLIP
+        ratio = abs(slip) / (_HITCH_SLIP * (1.0 + (_SETTLED_S / now) ** 2))
         if entries:
-            ratio = max(ratio, abs(total) / math.sqrt(entries) / _HITCH_MEAN)
-        statistic[DetectorIndex.HITCH] = ratio
-        residuals[DetectorIndex.HITCH] = ratio
+            size = _HITCH_MEAN / math.sqrt(entries) + (curve if curve == curve else 0.0)
+            ratio = max(ratio, abs(total) / entries / size)
+        statistic[DetectorIndex.HITCH] = residuals[DetectorIndex.HITCH] = ratio
     if alarms[DetectorIndex.HITCH, 0] >= 0.0:  # for good
         statistic[DetectorIndex.HITCH] = max(1.0, statistic[DetectorIndex.HITCH])
 
@@ -385,10 +390,16 @@ def _observe_estimate(
     way = speed * span_s
     dx = x[0] - last[1] - way * (math.cos(yaw) - slip * math.sin(yaw))
     dy = x[1] - last[2] - way * (math.sin(yaw) + slip * math.cos(yaw))
+    if alarms[DetectorIndex.WHEELS, 0] > _GO_ON or alarms[DetectorIndex.MOTION, 0] >= 0.0:
+        # Wheels that spin make less way, no more than all of it.
+        back = -math.copysign(1.0, way) * (dx * math.cos(yaw) + dy * math.sin(yaw))
+        back = math.copysign(min(max(0.0, back), abs(way)), way)
+        dx, dy = dx + back * math.cos(yaw), dy + back * math.sin(yaw)
     if span_s > 0.0 and math.isfinite(dx + dy):
         if span_s <= 1.0:
             size = math.hypot(dx, dy)
-            share = max(0.0, size - max(0.0, 4.0 * last[5] - _SURE_M)) / max(size, 1e-9)
+            sure = max(0.0, size - max(0.0, 4.0 * last[5] - _SURE_M)) / max(size, 1e-9)
+            share = 1.0 if held else sure
             fade = 1.0 if held else math.exp(-span_s / _POSITION_S)
             s.offset[0] = fade * s.offset[0] + share * dx
             s.offset[1] = fade * s.offset[1] + share * dy
@@ -405,10 +416,20 @@ def _observe_estimate(
     rough = s.rough
     size = math.hypot(s.offset[0], s.offset[1])
     residuals[DetectorIndex.POSITION] = s.present[DetectorIndex.POSITION, 1] = size
-    size /= _POSITION_M[0] + _POSITION_M[1] * math.sqrt(rough)
-    size /= _UNSTATED if slip == 0.0 and e.disturbance[1] == 0.0 else 1.0
-    size *= 2.0 if held else 1.0  # what is left of a jump is not believed, either
-    statistic[DetectorIndex.POSITION] = size if now >= _SETTLED_S else 0.0
+    bound = _POSITION_M[0] + _POSITION_M[1] * math.sqrt(rough)
+    bound *= _UNSTATED if slip == 0.0 and e.disturbance[1] == 0.0 else 1.0
+    ratio = (2.0 if held else 1.0) * size / bound  # what is left of a jump is not believed, either
+    statistic[DetectorIndex.POSITION] = ratio if now >= _SETTLED_S else 0.0
+    # The position is Rayleigh distributed at most, along the worse axis of its covariance.
+    xx, yy, excluded = e.covariance[0, 0], e.covariance[1, 1], held
+    variance = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), e.covariance[0, 1])
+    level = bound + (size if held else 0.0) + _LEVEL[1] * math.sqrt(max(0.0, variance))
+    for index in range(DetectorIndex.STEERING):
+        excluded |= alarms[index, 0] >= 0.0
+    excluded |= max(alarms[DetectorIndex.HITCH, 0], alarms[DetectorIndex.DRIFT, 0]) >= 0.0
+    excluded |= alarms[DetectorIndex.WHEELS, 0] == _GO_ON
+    residuals[DetectorIndex.PROTECTION] = s.present[DetectorIndex.PROTECTION, 1] = level
+    statistic[DetectorIndex.PROTECTION] = level if excluded and level == level else 0.0
 
     # A drift of w changes side and wheel slip by w and -w over the speed, a slope the wheel slip
     # more than the side slip.
@@ -423,8 +444,21 @@ def _observe_estimate(
     share = -(sx * cx + sy * cy) / max(cx * cx + cy * cy, 1e-12)
     share = min(max(share, 0.0), 1.0 / _SLOPE)
     side = math.hypot(sx + share * cx, sy + share * cy)
-    ratio = max(drift / math.sqrt(max(1.0, rough)) / _DRIFT[0], side / _DRIFT[1], 0.0)
-    if 0.0 < span_s <= 1.0 and math.isfinite(ratio) and abs(x[6]) > _MOVING:
+    slips, wheel, planned = s.slips, e.disturbance[4], s.present[DetectorIndex.MOTION, 3]
+    bound = _DRIFT[0] * math.sqrt(max(1.0, rough)) + _DRIFT[1] * max(0.0, slips[0] - _STEEP)
+    ratio = max(drift, 0.0) / bound
+    ratio = max(ratio, side / (_DRIFT[2] + _DRIFT[3] * slips[0]))
+    faster = 0.0
+    if 0.0 < span_s <= 1.0 and math.isfinite(ratio + wheel) and abs(x[6]) > _MOVING:
+        if now >= _SETTLED_S:
+            level, share = math.hypot(e.disturbance[0], wheel / _SLOPE), min(1.0, span_s / now)
+            share = 1.0 if slips[0] == 0.0 else max(share, span_s / _SLOPES_S)
+            slips[0] += share * (level - slips[0])
+            slips[1] += span_s * (wheel - slips[1])
+            slips[2] += share * (wheel - slips[2])
+            by_plan = 1.0 - abs(x[6]) / planned if planned > _MOVING else 0.0
+            slips[3] += span_s * (by_plan - slips[3])
+            faster = min(min(0.0, slips[2]) - slips[1], -slips[3]) / _DRIFT[4]
         # All headings so far count alike at first, so that those of an entry do not count for long.
         weight = min(1.0, span_s / min(_HEADING_S, now))
         s.heading[0] += weight * (math.cos(2.0 * x[2]) - s.heading[0])
@@ -432,7 +466,9 @@ def _observe_estimate(
         spread = 1.0 - math.hypot(s.heading[0], s.heading[1])
         judged = now >= _JUDGED_S and spread >= _LEAST_SPREAD
         s.drift += min(1.0, span_s / _DRIFT_S) * ((ratio if judged else 0.0) - s.drift)
-    statistic[DetectorIndex.DRIFT] = residuals[DetectorIndex.DRIFT] = s.drift
+    statistic[DetectorIndex.DRIFT] = residuals[DetectorIndex.DRIFT] = max(s.drift, faster)
+    if alarms[DetectorIndex.DRIFT, 0] >= 0.0:  # for good
+        statistic[DetectorIndex.DRIFT] = max(1.0, statistic[DetectorIndex.DRIFT])
     s.present[DetectorIndex.DRIFT, 1] = abs(x[6]) * size * 100.0
 
 
@@ -724,6 +760,14 @@ def _observe_steering(
             alarms[index, 0] = -1.0
     if alarms[DetectorIndex.WHEELS, 0] == _GO_ON:
         unused[SensorIndex.ENCODER] = 1.0
+    if alarms[DetectorIndex.HITCH, 0] >= 0.0:
+        unused[SensorIndex.HITCH] = 1.0
+    # Until the vehicle stands, when the sum tells whether GNSS has come back. Where the wheels may
+    # spin, dead reckoning is no better.
+    fooled = max(alarms[DetectorIndex.POSITION, 0], alarms[DetectorIndex.DRIFT, 0]) >= 0.0
+    fooled &= alarms[DetectorIndex.WHEELS, 0] <= _GO_ON and alarms[DetectorIndex.MOTION, 0] < 0.0
+    for sensor in range(2 if fooled and abs(s.pose[4]) > _MOVING else 0):
+        unused[sensor] = 1.0
 
 
 def observe_monitors(
@@ -778,22 +822,31 @@ def observe_monitors(
         ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)).
 
     Hitch: the larger of two ratios to their limits. The sum of the whitened innovations of a second
-    over the root of their number is standard normal; it does not count while GNSS or a steering
-    angle contradicts the estimate. The side slip that turns with the tractor, less that of the
-    trailer, is near 0 on any slope, but not with a wrong hitch angle. The sensor is not used again
-    before `resume`.
+    over the root of their number is standard normal, beside the curve of a sensor; it does not
+    count while GNSS or a steering angle contradicts the estimate. The side slip that turns with the
+    tractor, less that of the trailer, is near 0 on any slope, but not with a wrong hitch angle. The
+    sensor is not used again before `resume`.
 
     Position: the length of the sum of what the estimate moves beside dead reckoning by speed, yaw
     and side slip, with a memory of 10 s and, once it is an alarm, of any length, so that a jump is
     not believed because it lasts. What an estimate corrects of the error that it stated before, as
     after an outage, does not count. The limit grows with the learnt roughness.
 
+    Protection level: a bound of the horizontal error of the tractor point [m], the residual of this
+    detector: what dead reckoning lets pass, and the error that a covariance with the larger
+    variance v exceeds with probability p, sqrt(-2 v ln p) (as the horizontal protection level of
+    RTCA DO-229, there for one axis). A drift below the limit is not in it. The statistic is 0 as
+    long as all sensors are used.
+
     Drift: with a common drift w of both receivers in the map, a speed v and all headings, the
     filter finds the side slip s = w / v and the wheel slip c = -w / v, both fixed in the map. A
     slope of the ground has c = -r s with r of 1.55 at least. The statistic is the larger ratio to
     its limit of |s - c| / 2, less the most that a slope may have of it, and of the distance of s
-    from the side slips of a slope with c. Parallel tracks alone do not tell the two apart; there
-    the statistic is 0, as it is with a tool in the soil.
+    from the side slips of a slope with c; the limits grow with the slips of the last minute.
+    Parallel tracks alone do not tell the two apart; there these count 0, as with a tool in the
+    soil. On any heading a vehicle that is faster than its wheels and its plan is a drift: wheel
+    slip below 0, and below that of the last minute. A drift against the way is slip of a soft soil
+    until the vehicle has turned. GNSS is not used while the vehicle rolls.
 
     Args:
         parameters: of the vehicle, see `VehicleParameter`.
@@ -840,12 +893,12 @@ _TABLE += [
     ("hitch", 1.0, _GO_ON, "hitch angle contradicts the motion of both bodies: not used"),
     ("position", 1.0, _STOP_ON_PATH, "position is {:.1f} m off dead reckoning"),
     ("drift", 1.0, _STOP_ON_PATH, "GNSS drifts by {:.0f} cm/s against the wheels"),
+    ("protection level", _LEVEL[0], _SLOW, "position may be {:.1f} m off without a sensor"),
 ]
 _NAMES, _LIMITS, _REACTIONS, _REASONS = zip(*_TABLE, strict=True)
 
 
 _SENSORS: Final = tuple(Sensor)  # in the order of `SensorIndex`
-_SUMS: Final = (math.nan,) * 6 + (_ALLOWANCE,) * 4 + (_MOTION[1], _WHEELS[1]) + (math.nan,) * 7
 
 
 class Monitors:
@@ -926,6 +979,7 @@ class Monitors:
         """Take an estimate with these `MapDisturbance` (4,) for true and every sensor for sound."""
         s = self.record.view(MONITORS)[0]
         s["pose"], s["offset"], s["whitened"], s["drift"] = math.nan, 0.0, 0.0, 0.0
+        s["slips"] = 0.0
         s["accepted"] = map_disturbance
         s["alarms"][DetectorIndex.HITCH :] = -1.0, 0.0, 0.0, 0.0
 
@@ -938,7 +992,7 @@ class Monitors:
         """All detectors; the built-in ones, by `DetectorIndex`, as they are now."""
         s, count = self.record.view(MONITORS)[0], self._count
         columns = (s[name].tolist() for name in ("limit", "statistic", "residual"))
-        known = zip(_NAMES[:count], *columns, _SUMS, strict=False)
+        known = zip(_NAMES[:count], *columns, strict=False)
         return (*(Detector(*item) for item in known), *self._own)
 
     @property
@@ -954,7 +1008,9 @@ class Monitors:
         """Return the samples without those of sensors that an alarm rules out."""
         if not (self.rows[:, 0] >= 0.0).any():
             return rows
-        unused = [_SENSORS.index(s) for alarm in self.alarms for s in alarm.unused]
+        unused = np.flatnonzero(self.record.view(MONITORS)[0]["unused"]).tolist()
+        told = (self._told[i] for i, row in enumerate(self._own_alarms) if row[0] >= 0.0)
+        unused += [_SENSORS.index(sensor) for alarm in told for sensor in alarm.unused]
         return rows[~np.isin(rows[:, 1], unused)] if unused else rows
 
     def _alarm(self, index: int, row: Sequence[float]) -> Alarm:
@@ -966,6 +1022,8 @@ class Monitors:
             unused = frozenset({_SENSORS[index]})
         elif index == DetectorIndex.HITCH:
             unused = frozenset({Sensor.HITCH})
+        elif index in (DetectorIndex.POSITION, DetectorIndex.DRIFT):  # until the vehicle stands
+            unused = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
         elif index == DetectorIndex.WHEELS and reaction == _GO_ON:
             reason += f", planned {numbers[2]:.2f} m/s: encoder not used"
             unused = frozenset({Sensor.ENCODER})

@@ -59,7 +59,7 @@ def replay(
     Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
     of the sample, command (3,) of the span, number of integration steps, block. `parameters` and
     `moment` are those of the filter; a sample beyond its gate is used with its noise raised until
-    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 15) their
+    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 16) their
     parameters. J' J and J' r of the whitened innovations r and their derivatives J by the steps of
     the parameters are added to `normal` (p, p) and, by block, to `gradients` (blocks, p).
     """

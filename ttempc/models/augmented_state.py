@@ -6,17 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from ..errors import UnknownSensor
 from ..jit import cached_njit, local, record
 from ..layout import ESTIMATE
-from ..types import (
-    Disturbance,
-    FloatArray,
-    Input,
-    MapDisturbance,
-    Sensor,
-    State,
-)
+from ..types import Disturbance, FloatArray, Input, MapDisturbance, Sensor, State
 from ..vehicle import Vehicle
 from .rows import WIDTH, add_row, clear_row, scale_row, set_row
 
@@ -48,7 +40,9 @@ class AugmentedState(IntEnum):
     CLIMB_Y = 15  # wheel slip on the way north
     GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
     GNSS_Y = 17  # [m] north
-    OFFSET_I = 18  # [rad] offset of the sensor of the trailer's steering angle
+    # [rad] offset of the sensor of the trailer's steering angle; without any, what loads turn the
+    # joint beside its set point. That is a tenth of an offset: one entry for both
+    OFFSET_I = 18
     OFFSET_HITCH = 19  # [rad] of the hitch angle; `STEERING` takes up that of the front
     GYRO_T = 20  # [rad/s] bias of the tractor's gyro
     GYRO_I = 21  # [rad/s] bias of the trailer's
@@ -109,7 +103,7 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (15,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (16,).
     """
     e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -185,6 +179,7 @@ class VehicleParameter(IntEnum):
     DEAD_TIME_I = 12
     DEAD_TIME_HP = 13
     REVERSE = 14  # 1 or 0
+    JOINT = 15  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
 
 
 class SensorIndex(IntEnum):
@@ -200,9 +195,9 @@ class SensorIndex(IntEnum):
     IMU_TRAILER = 7
 
 
-def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (15,), SI units."""
-    return np.array([getattr(vehicle, name) for name in _PARAMETERS], dtype=float)
+def vehicle_parameters(vehicle: Vehicle, joint: bool = False) -> FloatArray:
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (16,), SI units."""
+    return np.array([getattr(vehicle, name, joint) for name in _PARAMETERS], dtype=float)
 
 
 _PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
@@ -219,6 +214,7 @@ def _steering(
     lag = parameters[VehicleParameter.STEERING_LAG_T + joint]
     limit = parameters[VehicleParameter.STEERING_RATE_T + joint]
     rate = (inputs[joint] - x[AugmentedState.DELTA_T + joint]) / lag
+    rate += joint * parameters[VehicleParameter.JOINT] * x[AugmentedState.OFFSET_I] / lag
     if abs(rate) >= limit:
         return math.copysign(limit, rate), 0.0
     return rate, 1.0 / lag
@@ -313,6 +309,9 @@ def state_rate_jacobian(
     jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_I] = yaw_i_delta_i
     jacobian[AugmentedState.DELTA_T, AugmentedState.DELTA_T] = -gain_t
     jacobian[AugmentedState.DELTA_I, AugmentedState.DELTA_I] = -gain_i
+    beside = gain_i * parameters[VehicleParameter.JOINT]
+    jacobian[AugmentedState.DELTA_I, AugmentedState.OFFSET_I] = beside
+    jacobian[AugmentedState.PSI_I, AugmentedState.OFFSET_I] = yaw_i_rate * beside
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
     jacobian[AugmentedState.RIM, AugmentedState.RIM] = -1.0 / tau
     jacobian[AugmentedState.RIM, AugmentedState.DRIVE] = 1.0
@@ -494,8 +493,9 @@ def measure(
     reading[0] = x[entry]
     jacobian[0, entry] = 1.0
     if entry == AugmentedState.DELTA_I:
-        reading[0] += x[AugmentedState.OFFSET_I]
-        jacobian[0, AugmentedState.OFFSET_I] = 1.0
+        share = 1.0 - parameters[VehicleParameter.JOINT]
+        reading[0] += share * x[AugmentedState.OFFSET_I]
+        jacobian[0, AugmentedState.OFFSET_I] = share
     return 1
 
 
@@ -510,24 +510,3 @@ LENGTH: Final = {
 """Entries of a sample of each sensor with a model, in the order of `SensorIndex`.
 
 Estimators ignore the samples of all others, but for the yaw rates of IMUs."""
-
-ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
-"""Sensors whose readings are angles, equal modulo a turn."""
-
-
-def predicted_measurement(
-    sensor: Sensor, augmented: FloatArray, vehicle: Vehicle
-) -> tuple[FloatArray, FloatArray]:
-    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 24).
-
-    Both at an augmented state (24,). The encoder reads the rim speed, the others geometry.
-
-    Raises:
-        UnknownSensor: the sensor has no model.
-    """
-    if sensor not in LENGTH:
-        raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
-    reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
-    index = int(SensorIndex[sensor.name])  # a plain number, for which `measure` is compiled
-    m = measure(index, augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian)
-    return reading[:m], jacobian[:m]

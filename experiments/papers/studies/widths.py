@@ -16,14 +16,20 @@ from ..study import Case, Study
 from ..tables import Cell, grouped, groups, label, markdown, numbers, slash
 
 LAPS: Final = 200
-RIVAL_LAPS: Final = 60  # of each controller that does not plan its speed by its half widths
-HALF_WIDTH_M: Final = 0.10  # of the corridor of `rows`
-CONTROLLERS: Final = {
-    "`ttempc`": (),
-    "`ttempc`, `corridor = false`": ("controller.options.corridor=false",),
-    "`pid`": ('controller.name="pid"',),
-    "`lqr`": ('controller.name="lqr"',),
-    "`nmpc-rti`": ('controller.name="nmpc-rti"',),
+RIVAL_LAPS: Final = 60
+SLOW_LAPS: Final = 15  # at half the speed, and with the true state
+HALF_WIDTH_M: Final = 0.06  # of the corridor of `rows`, half of which the scenario asks
+FULL_SPEED: Final = (f"corridor.half_width_m={HALF_WIDTH_M}", "sensors.imu.on=true")
+OWN_OPTIONS: Final = {  # what a controller does not know by itself
+    "ttempc": ("controller.options.corridor=false",),
+    "pid": ('controller.name="pid"',),
+    "lqr": ('controller.name="lqr"',),
+    "nmpc-rti": ('controller.name="nmpc-rti"',),
+}
+MEANS: Final = {
+    "": (),
+    ", half the speed": ("path.speed_mps=0.5",),
+    ", true state": ('controller.estimator="truth"',),
 }
 
 FIELDS: Final = (
@@ -51,15 +57,13 @@ def distances(runs: pd.DataFrame) -> FloatArray:
 
 
 def corridor(runner: Runner) -> str:
-    """Return the laps outside the corridor, by controller.
-
-    `ttempc` drives at the speed that its half widths allow, the others at that of the scenario.
-    """
-    seeds = report_seeds(LAPS)
+    """Return the laps outside +-6 cm with IMUs, by controller: same filter, sensors and speed."""
+    laps = {"": RIVAL_LAPS, **dict.fromkeys(list(MEANS)[1:], SLOW_LAPS)}
     cases = [
-        Case("rows", seed, changes, {"driver": name})
-        for name, changes in CONTROLLERS.items()
-        for seed in (seeds[:RIVAL_LAPS] if changes else seeds)
+        Case("rows", seed, (*FULL_SPEED, *own, *means), {"driver": f"`{name}`{with_}"})
+        for with_, means in MEANS.items()
+        for name, own in OWN_OPTIONS.items()
+        for seed in report_seeds(LAPS if name == "ttempc" and not with_ else laps[with_])
     ]
 
     def point(n: int) -> Cell:
@@ -134,7 +138,7 @@ STUDIES: Final = (
         name="corridor",
         seeds=report_seeds(LAPS),
         make=corridor,
-        checks=tuple(("rows", name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
+        checks=tuple(("rows", name) for name in OWN_OPTIONS),
     ),
     Study(
         name="coverage",

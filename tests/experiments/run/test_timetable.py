@@ -11,6 +11,7 @@ from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidFault
 from proving_ground.testbed.faults.kinds import KINDS
 from proving_ground.testbed.recording.channels import STATE
+from proving_ground.testbed.recording.record import RESUMED
 
 SHORT = "path={kind='straight', length_m=8}"
 BENT = "path={kind='figure-eight', laps=1}"
@@ -71,6 +72,13 @@ def test_faults_are_those_of_the_seed_and_a_replay_has_the_faulty_samples():
     record, again = run(*overrides)[1], run(*overrides)[1]
     np.testing.assert_array_equal(record[STATE].values, again[STATE].values)
     assert same_as_recorded(replay(record, estimator_of(scenario(*overrides))), record)
+
+
+def test_an_operator_resumes_at_the_times_of_the_scenario():
+    _, record = simulate(*load("pavement", [SHORT, "control.resume_s=[1.1]"]), seed=1)
+    assert [event.time_s for event in record.events if event.text == RESUMED] == [
+        pytest.approx(1.2)
+    ]
 
 
 def test_at_m_is_the_distance_of_the_reference_over_all_laps():

@@ -16,7 +16,7 @@ SHORT = "path={kind='straight', length_m=8}"
 IMU = tuple(name for name in MEASUREMENT.fields if name.startswith("imu"))
 
 
-def sensors(*overrides, name="grass"):
+def sensors(*overrides, name="kayacan2016"):  # which has no such table
     return load(name, overrides)[1].sensors
 
 

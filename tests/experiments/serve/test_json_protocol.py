@@ -31,6 +31,12 @@ def test_the_welcome_has_what_a_controller_needs_of_the_vehicle():
     assert Vehicle(**welcome["vehicle"]) == Vehicle()
 
 
+def test_an_operator_may_resume_once_the_peer_has_said_hello():
+    protocol, _ = greeted()
+    assert protocol.receive(b'{"type":"resume"}').resume
+    assert not protocol.receive(json.dumps(COMMAND).encode()).resume
+
+
 def test_a_command_leaves_out_what_the_plant_does_itself():
     protocol, _ = greeted()
     command = protocol.receive(json.dumps(COMMAND).encode()).command

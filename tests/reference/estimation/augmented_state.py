@@ -7,16 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.layout import ESTIMATE, estimate_view
 from ttempc.models.augmented_state import (
     SIZE,
     STATES,
     AugmentedState,
+    SensorIndex,
+    measure,
     vehicle_parameters,
     write_estimate,
 )
 from ttempc.models.kinematics import articulated
-from ttempc.types import Disturbance, Estimate, FloatArray, Input, State
+from ttempc.types import Disturbance, Estimate, FloatArray, Input, Sensor, State
 from ttempc.vehicle import Vehicle
 
 
@@ -71,3 +74,31 @@ def augmented_rate(augmented: FloatArray, inputs: FloatArray, vehicle: Vehicle) 
     steady = vehicle.speed_gain * inputs[Input.HP]
     rate[AugmentedState.RIM] = (steady - rim) / vehicle.speed_time_constant + drive
     return rate
+
+
+def predicted_measurement(
+    sensor: Sensor, augmented: FloatArray, vehicle: Vehicle, joint: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 24)."""
+    reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
+    parameters, index = vehicle_parameters(vehicle, joint), int(SensorIndex[sensor.name])
+    m = measure(index, augmented, parameters, 0.0, reading, jacobian)
+    return reading[:m], jacobian[:m]
+
+
+def density(
+    noise: ProcessNoise, x: FloatArray, scales: FloatArray, vehicle: Vehicle, sensors: SensorNoise
+) -> FloatArray:
+    """Return the covariance (24, 24) that `x` (24,) gathers per second at the factors `scales`.
+
+    A joint RJ2 that turns by w beside its model turns the trailer by
+    -w d cos(delta_i) / (L_i + d cos(delta_i)), as in `articulated`.
+    """
+    psi_t, rate = x[AugmentedState.PSI_T], noise.rates(sensors)
+    rate = np.array([1.0, *scales]) @ (rate[0] + abs(x[AugmentedState.RIM]) * rate[1])
+    acts_on = np.eye(SIZE)
+    acts_on[:2, :2] = [[cos(psi_t), -sin(psi_t)], [sin(psi_t), cos(psi_t)]]
+    drawbar = vehicle.drawbar_length * cos(x[AugmentedState.DELTA_I])
+    length_i = vehicle.trailer_length + vehicle.trailer_turning_offset
+    acts_on[AugmentedState.PSI_I, AugmentedState.DELTA_I] = -drawbar / (length_i + drawbar)
+    return acts_on * rate @ acts_on.T

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tests.reference.estimation.augmented_state import augmented_rate, estimate_of
+from tests.reference.estimation.augmented_state import (
+    augmented_rate,
+    density,
+    estimate_of,
+    predicted_measurement,
+)
 from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
 from ttempc.estimation import filter as kernels
@@ -17,10 +22,10 @@ from ttempc.models.augmented_state import (
     INITIAL_SD,
     LENGTH,
     SIZE,
+    STATES,
     AugmentedState,
     SensorIndex,
     advance_augmented_state,
-    predicted_measurement,
     state_rate,
     state_rate_jacobian,
     vehicle_parameters,
@@ -45,23 +50,26 @@ def random_augmented(generator):
 
 def near(augmented, generator):
     """Inputs (3,) near the steering angles, so that no rate is at its limit."""
-    return augmented[AugmentedState.DELTA_T : AugmentedState.RIM + 1] + 0.02 * generator.normal(
-        size=3
-    )
+    return augmented[AugmentedState.DELTA_T : STATES] + 0.02 * generator.normal(size=3)
 
 
-def test_compiled_rate_and_jacobian_are_those_of_the_plain_model():
-    generator = np.random.default_rng(71)
+@pytest.mark.parametrize("joint", [False, True])
+def test_compiled_rate_and_jacobian_are_those_of_the_plain_model(joint):
+    generator, parameters = np.random.default_rng(71), vehicle_parameters(VEHICLE, joint)
     for _ in range(20):
         augmented = random_augmented(generator)
         inputs = near(augmented, generator)
         rate, jacobian = np.zeros(7), np.zeros((7, SIZE))
-        state_rate(augmented, inputs, PARAMETERS, rate)
-        state_rate_jacobian(augmented, inputs, PARAMETERS, jacobian)
-        plain = augmented_rate(augmented, inputs, VEHICLE)
-        np.testing.assert_allclose(rate, plain[:7], atol=1e-12)
-        assert not plain[7:].any()
-        numeric = central_differences(lambda x, u=inputs: augmented_rate(x, u, VEHICLE), augmented)
+        state_rate(augmented, inputs, parameters, rate)
+        state_rate_jacobian(augmented, inputs, parameters, jacobian)
+
+        def plain(x, u=inputs):  # a joint beside its set point: its command is another
+            beside = joint * x[AugmentedState.OFFSET_I]
+            return augmented_rate(x, u + np.array([0.0, beside, 0.0]), VEHICLE)
+
+        np.testing.assert_allclose(rate, plain(augmented)[:7], atol=1e-12)
+        assert not plain(augmented)[7:].any()
+        numeric = central_differences(plain, augmented)
         np.testing.assert_allclose(jacobian, numeric[:7], atol=2e-8)
 
 
@@ -200,7 +208,7 @@ def test_the_filter_is_that_of_the_textbook():
         plain[7:] *= np.exp(step * fading)
         jacobian = central_differences(lambda x: augmented_rate(x, command, VEHICLE), middle)
         transition = expm(step * (jacobian + np.diag([*np.zeros(7), *fading])))
-        added = step * noise.density(middle, noise.scales, VEHICLE, sensors)
+        added = step * density(noise, middle, noise.scales, VEHICLE, sensors)
         covariance = transition @ (covariance + added / 2) @ transition.T + added / 2
         np.testing.assert_allclose(now.augmented[0], plain, atol=1e-6)
         np.testing.assert_allclose(now.covariances[0], covariance, rtol=1e-4, atol=1e-9)
@@ -244,7 +252,7 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
     def run(factor):
         generator = np.random.default_rng(77)
         augmented = random_augmented(generator)
-        augmented[AugmentedState.OFFSET_I : AugmentedState.GYRO_T] = 0.0  # sensors without any
+        augmented[AugmentedState.OFFSET_I : AugmentedState.GYRO_T] = 0.0  # neither of them
         augmented[7:] = 0.0
         noise = ProcessNoise(**{name: factor}, scale_sd=1e-4, scale_walk=1e-12)
         now = Plain(samples(augmented, generator, 0.0), SensorNoise(), noise, 1e-12)
@@ -254,7 +262,7 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
             now.predict(command, 0.04)
             augmented += 0.04 * augmented_rate(augmented, command, VEHICLE)
             for sample in samples(augmented, generator, 0.04 * k):
-                by = predicted_measurement(sample.sensor, now.augmented[0], VEHICLE)[1]
+                by = predicted_measurement(sample.sensor, now.augmented[0], VEHICLE, True)[1]
                 variance = SensorNoise().of(sample.sensor) ** 2
                 spread = by @ now.covariances[0] @ by.T + variance * np.eye(len(by))
                 normalised, *_ = now.correct(sample)

@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from tests.reference.estimation.augmented_state import predicted_measurement
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
 from ttempc.estimation import filter as filter_kernels
 from ttempc.estimation.ekf import ExtendedKalmanFilter
@@ -21,15 +22,8 @@ from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.layout import sample_rows
 from ttempc.learning.lengths import axle_points
 from ttempc.models import augmented_state
-from ttempc.models.augmented_state import (
-    LENGTH,
-    SIZE,
-    STATES,
-    AugmentedState,
-    predicted_measurement,
-)
+from ttempc.models.augmented_state import LENGTH, SIZE, STATES, AugmentedState
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
-from ttempc.vehicle import Vehicle
 
 SEEDS = range(8)
 TICKS = 250
@@ -82,10 +76,8 @@ def test_estimate_is_nan_until_the_set_is_complete():
 def perfect_set(state, time_s):
     augmented = np.concatenate([state, np.zeros(SIZE - STATES)])
     return [
-        Measurement(
-            time_s, sensor, tuple(predicted_measurement(sensor, augmented, VEHICLE)[0].tolist())
-        )
-        for sensor in LENGTH
+        Measurement(time_s, s, tuple(predicted_measurement(s, augmented, VEHICLE)[0].tolist()))
+        for s in LENGTH
     ]
 
 
@@ -255,35 +247,15 @@ def test_updates_without_samples_are_no_gap_and_cost_no_more_the_longer_they_las
     assert estimator.moments()["time_s"][-1] >= last.time_s - 2.6
 
 
-def held_at(commands, time_s):
-    """Value (3,) of the command that is held at a time."""
-    return next((value for end_s, value in commands if time_s <= end_s), commands[-1][1])
-
-
 def test_each_input_acts_its_own_dead_time_after_it_was_sent():
-    generator = np.random.default_rng(5)
-    for _ in range(5):
-        dead_times = generator.uniform(0.0, 0.7, 3)
-        vehicle = Vehicle(
-            dead_time_t=dead_times[0], dead_time_i=dead_times[1], dead_time_hp=dead_times[2]
-        )
-        sent = [(0.2 * k, generator.normal(size=3)) for k in range(1, 11)]
-        estimator = ExtendedKalmanFilter(vehicle)
-        for end_s, value in sent:
-            estimator.update(end_s, [], Command(*value))
-        acting = list(estimator.commands(0.8, 2.0))
-        assert acting[-1][0] == sent[-1][0]
-        for time_s in generator.uniform(0.8, 2.0, 40):
-            expected = [held_at(sent, time_s - d)[j] for j, d in enumerate(dead_times)]
-            np.testing.assert_array_equal(held_at(acting, time_s), expected)
-
-
-def test_a_dead_time_of_two_periods_is_commands_that_come_two_periods_later():
-    received = SensedDrive(seed=3).run(60).received
-    late = replace(VEHICLE, dead_time_t=0.4, dead_time_i=0.4, dead_time_hp=0.4)
+    """Inputs with dead times of some periods are prompt ones that come as many periods later."""
+    received, later = SensedDrive(seed=3).run(60).received, (2, 1, 3)
+    t, i, hp = (PERIOD_S * n for n in later)
+    late = replace(VEHICLE, dead_time_t=t, dead_time_i=i, dead_time_hp=hp)
     delayed, prompt = ExtendedKalmanFilter(late), ExtendedKalmanFilter(VEHICLE)
+    sent = [np.full(3, math.nan) if c is None else c.as_array() for _, c in received]
     for k, (measurements, command) in enumerate(received):
-        before = received[k - 2][1] if k >= 2 else None
+        before = Command(*(float(sent[max(k - n, 0)][j]) for j, n in enumerate(later)))
         one = delayed.update(k * PERIOD_S, measurements, command)
         other = prompt.update(k * PERIOD_S, measurements, before)
         np.testing.assert_allclose(one.state, other.state, atol=1e-9)

@@ -7,17 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from tests.reference.estimation.augmented_state import density, predicted_measurement
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning
 from ttempc.estimation.filter import first_state
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
-from ttempc.models.augmented_state import (
-    LENGTH,
-    SIZE,
-    STATES,
-    AugmentedState,
-    predicted_measurement,
-)
+from ttempc.models.augmented_state import LENGTH, SIZE, STATES, AugmentedState
 from ttempc.models.kinematics import articulated
 from ttempc.types import Measurement, State
 from ttempc.vehicle import Vehicle
@@ -45,17 +40,18 @@ def readings(state, noise=None, generator=None):
     return samples
 
 
+@pytest.mark.parametrize("joint", [False, True])
 @pytest.mark.parametrize("sensor", LENGTH)
-def test_jacobians(sensor):
+def test_jacobians(sensor, joint):
     generator = np.random.default_rng(61)
     for _ in range(20):
         augmented = np.concatenate(
             [random_state(generator), 0.1 * generator.normal(size=SIZE - STATES)]
         )
         numeric = central_differences(
-            lambda x: predicted_measurement(sensor, x, VEHICLE)[0], augmented
+            lambda x: predicted_measurement(sensor, x, VEHICLE, joint)[0], augmented
         )
-        reading, exact = predicted_measurement(sensor, augmented, VEHICLE)
+        reading, exact = predicted_measurement(sensor, augmented, VEHICLE, joint)
         np.testing.assert_allclose(exact, numeric, atol=1e-6)
         assert len(exact) == len(reading) == LENGTH[sensor]
 
@@ -70,29 +66,19 @@ def test_first_state_inverts_the_sensors():
         np.testing.assert_allclose(difference, 0.0, atol=1e-9)
 
 
-def moving(psi_t=0.0, rim=1.0, delta_i=0.0):
-    augmented = np.zeros(SIZE)
-    augmented[[AugmentedState.PSI_T, AugmentedState.RIM, AugmentedState.DELTA_I]] = (
-        psi_t,
-        rim,
-        delta_i,
-    )
-    return augmented
-
-
 @pytest.mark.parametrize("delta_i", [-0.4, 0.3])
 def test_noise_of_the_joint_turns_the_trailer_as_the_model_does(delta_i):
     """A joint that turns by w beside its model changes psi_i by d psi_i' / d delta_i' w."""
     noise = ProcessNoise(valves=1e4)
-    density = noise.density(moving(delta_i=delta_i), noise.scales, VEHICLE, SensorNoise())
     state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, delta_i, 0.0])
+    added = density(noise, augmented_by_zeros(state), noise.scales, VEHICLE, SensorNoise())
     lag, step = VEHICLE.steering_lag_i, 1e-3
     yaw_rates = [
         articulated(state, np.array([0.0, delta_i + lag * rate, 0.0]), VEHICLE)[State.PSI_I]
         for rate in (0.0, step)
     ]
-    gain = density[AugmentedState.PSI_I, AugmentedState.DELTA_I]
-    gain /= density[AugmentedState.DELTA_I, AugmentedState.DELTA_I]
+    gain = added[AugmentedState.PSI_I, AugmentedState.DELTA_I]
+    gain /= added[AugmentedState.DELTA_I, AugmentedState.DELTA_I]
     assert gain == pytest.approx((yaw_rates[1] - yaw_rates[0]) / step, rel=1e-6)
 
 

@@ -29,7 +29,7 @@ VEHICLE = Vehicle()
 def observation(k, samples=(), command=None, innovations=(), vehicle=VEHICLE):
     nothing = np.zeros(2)
     estimate = Estimate(
-        k * PERIOD_S, np.zeros(7), np.eye(7), nothing, 0.0, innovations=tuple(innovations)
+        k * PERIOD_S, np.zeros(7), 1e-4 * np.eye(7), nothing, 0.0, innovations=tuple(innovations)
     )
     return Observation(k * PERIOD_S, samples, command, estimate, vehicle)
 
@@ -376,6 +376,18 @@ def test_a_drift_is_a_slip_that_no_slope_has(slips, noticed):
     again = [observed(monitors, make(k)) for k in range(600, 900)]
     assert not any(alarm.detector == "drift" for alarms in again for alarm in alarms)
     assert first_alarm(DetectorIndex.DRIFT, 600, lambda k: estimates(k, 0.0, slips))[0] is None
+
+
+def test_the_protection_level_has_the_risk_of_a_rayleigh_distribution():
+    levels = []
+    for sd in (0.1, 0.2):
+        monitors, seen = Monitors(), estimates(0, 0.0)
+        seen.estimate.covariance[:2, :2] = sd**2 * np.eye(2)
+        observed(monitors, seen)
+        detector = monitors.detectors[DetectorIndex.PROTECTION]
+        assert detector.statistic == 0.0  # all sensors are used
+        levels.append(detector.residual)
+    assert math.exp(-0.5 * ((levels[1] - levels[0]) / 0.1) ** 2) == pytest.approx(1e-5)
 
 
 @pytest.mark.parametrize("how", ["innovations", "slip"])
