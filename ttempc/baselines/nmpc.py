@@ -1,9 +1,9 @@
 """Nonlinear MPC on the articulated model: `nmpc` and its variants.
 
 Horizon, bounds and information are those of the linear MPC, the weights are tuned as its are.
-Centralised, decentralised and distributed after Kayacan, Peschel and Kayacan (2016), "Centralized, decentralized and distributed
-nonlinear model predictive control of a tractor-trailer system: a comparative study", American
-Control Conference, pp. 4403-4408.
+Centralised, decentralised and distributed after Kayacan, Peschel and Kayacan (2016), "Centralized,
+decentralized and distributed nonlinear model predictive control of a tractor-trailer system: a
+comparative study", American Control Conference, pp. 4403-4408.
 """
 
 from collections.abc import Sequence
