@@ -23,4 +23,3 @@ BODY_COLOURS: Final = {"tractor": BLUE, "trailer": RED, "tool": GREEN}
 SERIES_COLOURS: Final = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY, WINE, OLIVE)
 REFERENCE: Final = "#F4F4EE"  # the path, on ground and on the dark background of viewers
 PREDICTED: Final = YELLOW
-BOUND: Final = GREY

@@ -32,7 +32,7 @@ _COMMANDS: Final = {
     "sweep": ("studies.sweep", "drive all runs of a study"),
     "search": ("studies.search", "search for the limit of a quantity, or for the worst case"),
     "bench": ("studies.bench", "benchmark: score a controller on frozen scenarios"),
-    "fit": ("log.fit", "fit a tube or the lengths of the vehicle to the logs of runs"),
+    "fit": ("log.fit", "fit a tube to the logs of runs"),
     "log": ("log.log", "show, export, check, recover or replay a log"),
     "serve": ("drive.serve", "drive one scenario with a controller over UDP"),
     "validate": ("drive.validate", "validate the plant of one scenario"),

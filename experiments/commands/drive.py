@@ -59,7 +59,7 @@ _DEMO_SIZE: Final = (640, 360)
 def run(arguments: argparse.Namespace) -> int:
     """Drive one scenario to its end and write into DIR:
 
-      summary.json   the statistics, SI units  log.mcap       all channels, for Foxglove or Rerun
+      summary.json   the statistics, SI units  log.mcap       all channels, for Foxglove
       scenario.toml  all settings, resolved    report.html    one page with the figures
       *.png          the figures
 

@@ -28,28 +28,25 @@ def info(arguments: argparse.Namespace) -> int:
 
 @command(
     options.LOG,
-    out("PLACE", "of tables a folder; default: beside the log"),
+    out("DIR", "default: beside the log"),
     option(
         "--format",
-        choices=("csv", "parquet", "rerun"),
+        choices=("csv", "parquet"),
         default="csv",
         dest="form",
-        help="csv (default), parquet (extra `export`) or rerun (extra `rerun`)",
+        help="csv (default) or parquet (extra `export`)",
     ),
 )
 def export(arguments: argparse.Namespace) -> int:
-    """Export a log: tables with a file per topic, or a recording for Rerun."""
+    """Export a log as tables, a file per topic."""
     from ...testbed.log.reader import read_content
     from ..logs.export import export_log
 
     log, form, content = arguments.log, arguments.form, read_content(arguments.log)
-    rerun = form == "rerun"
-    place = log.with_suffix(".rrd") if rerun else log.with_name(f"{log.stem}-{form}")
-    files = export_log(content, arguments.out or place, form)
-    note = f", to be opened with: rerun {files[0]}" if rerun else ""
+    files = export_log(content, arguments.out or log.with_name(f"{log.stem}-{form}"), form)
     if content.salvage:
         print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
-    print("\n".join(f"{file}{note}" for file in files))
+    print("\n".join(map(str, files)))
     return 0
 
 
@@ -172,31 +169,11 @@ def tube(arguments: argparse.Namespace) -> int:
     return options.EXIT_CHECK_FAILED if warnings else 0
 
 
-@command(options.LOG, out("VEHICLE.toml", "default: none"))
-def vehicle(arguments: argparse.Namespace) -> int:
-    """Fit wheelbase, hitch offset, drawbar and trailer length to the samples of a run.
-
-    Prints them with their standard deviations. With -o it writes the scenario's vehicle file
-    with these lengths, for plant.vehicle.file.
-    """
-    from ..logs.calibrate import calibrate
-
-    if arguments.out is not None:
-        refuse_existing(arguments.out)
-    calibration = calibrate(arguments.log)
-    print("\n".join(calibration.format()))
-    if arguments.out is not None:
-        write_file(arguments.out, calibration.file)
-        print(f"written to {arguments.out}")
-    return 0
-
-
 fit = Group(
     """\
-Fit parts of a controller to the logs of runs.
+Fit a tube to the logs of runs.
 
   ttempc fit tube runs/grass-* -o tube.json
-  ttempc fit vehicle runs/DIR -o vehicle.toml
 """,
-    {"tube": tube, "vehicle": vehicle},
+    {"tube": tube},
 )

@@ -188,7 +188,7 @@ def _write_figures(
 @command(
     option("logs", type=log_path, nargs="+", metavar="LOG", help="log or folder of a run"),
     out("DIR", "default: a new one in runs/"),
-    option("--label", nargs="+", metavar="NAME", help="names of the runs, in their order"),
+    option("--label", action="append", metavar="NAME", help="name of a run, once for each"),
     *options.FIGURES,
     option("--film", metavar="NAME", help="also film the runs side by side: NAME.mp4 or .webp"),
     *options.PICTURE,

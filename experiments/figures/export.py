@@ -15,7 +15,7 @@ from matplotlib import style as styles
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection, QuadMesh
+from matplotlib.collections import PolyCollection
 from matplotlib.container import BarContainer, ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
@@ -40,8 +40,7 @@ _CM_PER_IN: Final = 2.54
 _PALETTE: Final = 256  # colours
 
 _ALWAYS: Final = ("chart", "quantity", "line", "x", "y")
-_WHERE_GIVEN: Final = ("value", "x_low", "x_high", "y_low", "y_high")
-_COLOUR_BAR: Final = "<colorbar>"  # label that matplotlib gives to its axes
+_WHERE_GIVEN: Final = ("x_low", "x_high", "y_low", "y_high")
 _UNNAMED: Final = "_child"  # begin of the label that matplotlib gives to a line without one
 
 _Coordinate = float | str
@@ -121,16 +120,15 @@ def style_of(text: str) -> str:
 
 
 def figure_csv(figure: Figure) -> str:
-    """Return lines, intervals, histograms and maps of a figure as CSV.
+    """Return lines, intervals and histograms of a figure as CSV.
 
-    Columns: chart from 0, its quantity, line, x and y; value of a cell of a map; ends of intervals.
+    Columns: chart from 0, its quantity, line, x and y; ends of intervals.
     A column that no row needs is left out. Of a bar of a histogram, x is the middle. Lines that
     only mark a place, with two points at most, are left out.
     """
-    charts = [axes for axes in figure.axes if axes.get_label() != _COLOUR_BAR]
     records = [
         {"chart": chart, "quantity": quantity.replace("\n", " "), **point}
-        for chart, axes in enumerate(charts)
+        for chart, axes in enumerate(figure.axes)
         for quantity in [axes.get_title(loc="left") or axes.get_ylabel()]
         for point in _points(axes)
     ]
@@ -168,11 +166,6 @@ def _points(axes: Axes) -> Iterator[dict[str, _Coordinate]]:
             name = f"line {number}" if label.startswith(_UNNAMED) else label.removeprefix("_")
             for x, y in points.tolist():
                 yield _place(axes, name, x, y) | bands.get((label, x), {})
-    for mesh in axes.collections:
-        if isinstance(mesh, QuadMesh):
-            cells = np.ma.filled(np.ma.asarray(mesh.get_array()), np.nan)
-            for (up, across), value in np.ndenumerate(cells):
-                yield _place(axes, "map", across, up) | {"value": float(value)}
 
 
 def _place(axes: Axes, line: str, x: float, y: float) -> dict[str, _Coordinate]:

@@ -62,13 +62,16 @@ INPUTS: Final = (  # field, label, factor from the field's unit to the label's
     ("delta_i_rad", "trailer steering [deg]", np.degrees(1.0)),
     ("hp", "hydrostat position [%]", 100.0),
 )
-_ACTIONS: Final = (  # field, label, colour (the paper's roles: cyan, red, blue, black), width
-    ("feedforward", "feedforward", SKY, 1.6),
-    ("feedback", "feedback", RED, 0.8),
-    ("robust", "robust", BLUE, 0.8),
-    ("total", "total, before limits", GREY, 0.7),
-    ("command", "total, as sent", BLACK, 1.0),
+_ACTIONS: Final = (  # field, label, colour (the paper's roles: cyan, red, blue, black), line
+    ("feedforward", "feedforward", SKY, (0, (6, 1))),
+    ("feedback", "feedback", RED, "-"),
+    ("robust", "robust", BLUE, (0, (1.5, 1.5))),
+    ("command", "total, as sent", BLACK, "-"),
+    ("total", "total, before limits", GREY, (0, (3, 2))),
 )
+# Of equal lines both are seen: gaps of a later one show those below it, in grey print too.
+_LINES: Final = {"tractor": "-", "trailer": (0, (5, 2)), "tool": (0, (1.5, 1.5))}
+_CUT: Final = 1e-6  # least difference between an action and what is sent of it [rad or 1]
 _NEAR: Final = 0.3  # of the range of the signals; bounds farther away would flatten them
 _BOUND_LINE: Final[dict[str, Any]] = {"color": BLACK, "linestyle": "--", "linewidth": 0.9}
 BOUNDS: Final = Line2D([], [], label="bounds", **_BOUND_LINE)
@@ -90,6 +93,7 @@ _TIMES: Final = (
     ("plant_step_us", "plant, one physics step"),
 )
 _BINS: Final = 40
+_FEWEST: Final = 10  # times of a histogram
 
 
 def path_figure(record: Record) -> Figure:
@@ -104,15 +108,21 @@ def path_figure(record: Record) -> Figure:
     axes.plot(*reference.T, color=PALE, linewidth=3.0, label="reference")
     for body in BODIES:
         driven = record[STATE].columns(*position_fields(body))
-        axes.plot(*driven.T, color=BODY_COLOURS[body], linewidth=1.0, label=body)
+        axes.plot(*driven.T, **_line(body))
     tool = record[TOOL]
     if len(tool):
         driven = np.where(tool["lowered"] == 1.0, tool.columns("x_m", "y_m").T, np.nan)
-        axes.plot(*driven, color=BODY_COLOURS["tool"], linewidth=1.0, label="tool, lowered")
+        looks: dict[str, Any] = _line("tool") | {"label": "tool, lowered"}
+        axes.plot(*driven, **looks)
     dress(axes, "x east [m]", "y north [m]")
     axes.set_aspect("equal", adjustable="datalim")
     legend(axes, 4)
     return figure
+
+
+def _line(body: str) -> dict[str, Any]:
+    style = {"color": BODY_COLOURS[body], "linestyle": _LINES[body], "linewidth": 1.0}
+    return style | {"label": body}
 
 
 def shade_errors(axes: Axes, x: FloatArray, errors: TrackingErrors) -> None:
@@ -159,8 +169,7 @@ def cross_track_figure(record: Record) -> Figure:
     figure, (axes,) = stacked(1, 2.6)
     shade_errors(axes, length_m, errors)
     for body, error in errors.by_point.items():
-        style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
-        axes.plot(length_m, 100 * error.cross_m, **style)
+        axes.plot(length_m, 100 * error.cross_m, **_line(body))
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     dress(axes, LENGTH, "cross-track error,\nleft positive [cm]")
     legend(axes, 3)
@@ -229,18 +238,26 @@ def signals_figure(record: Record) -> Figure:
     given = [
         action
         for action in _ACTIONS
-        if any(np.isfinite(table[f"{name}_{action[0]}"]).any() for name, _, _ in INPUTS)
+        if any(np.isfinite(_shown(table, name, action[0])).any() for name, _, _ in INPUTS)
     ]
     figure, rows = stacked(3, 2.1)
     for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
-        for action, text, colour, width in given:
-            style = {"color": colour, "linewidth": width, "label": text}
-            axes.plot(table.time_s, factor * table[f"{name}_{action}"], **style)
+        for action, text, colour, line in given:
+            style = {"color": colour, "linewidth": 0.9, "linestyle": line, "label": text}
+            axes.plot(table.time_s, factor * _shown(table, name, action), **style)
         dress(axes, "", label)
         draw_bounds(axes, table, name, factor)
     legend(rows[0], 6, [BOUNDS])
     label_below(rows[-1], "time [s]")
     return figure
+
+
+def _shown(control: Table, name: str, action: str) -> FloatArray:
+    """Return an action of an input, NaN where the total is what is sent."""
+    values = control[f"{name}_{action}"]
+    if action != "total":
+        return values
+    return np.where(np.abs(values - control[f"{name}_command"]) > _CUT, values, np.nan)
 
 
 def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> None:
@@ -305,14 +322,16 @@ def timing_figure(record: Record) -> Figure:
 
 def histogram(axes: Axes, cost_us: FloatArray) -> None:
     """Draw the distribution of times [µs] with median, 99 % and maximum."""
-    if not len(cost_us):
-        note(axes, 0.5, 0.5, "not recorded", ha="center", color=GREY)
+    if len(cost_us) < _FEWEST:
+        times = ", ".join(f"{time:.0f}" for time in cost_us)
+        text = f"{times} µs: too few to draw" if times else "not recorded"
+        note(axes, 0.5, 0.5, text, ha="center", color=GREY)
         axes.set(xticks=[], yticks=[])
         return
     low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
     axes.set_xscale("log")
     axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 100.0 * low else (1.0,)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     median, p99 = np.percentile(cost_us, [50.0, 99.0])
@@ -338,8 +357,8 @@ CAPTIONS: Final = {
     "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
     "Hatched: not counted in the means.",
     "cross-track": "Error to the left of the reference over the length of the path.",
-    "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds, "
-    "where they are near.",
+    "signals": "The three actions, the command sent, and their sum where a limit cuts it. Dashed: "
+    "the vehicle's bounds, where they are near.",
     "tyres": "Slip of the driven wheels, slip angles of front and trailer wheels, loads of all.",
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
     "controller. The tube of ttempc is that of one step, predicted from the last estimate. "

@@ -22,8 +22,9 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import FrameType, FunctionType
+from types import FrameType, FunctionType, ModuleType
 from typing import Final
+from unittest import mock
 
 import mujoco
 import numpy as np
@@ -53,6 +54,8 @@ from ..sweep.study import ListAxis
 from ..sweep.study import Study as SweepStudy
 from ..sweep.sweep import sweep
 from ..threads import use_one_thread
+from .memory import peak_mb
+from .studies.effects import BASE, EFFECTS
 from .study import Study
 from .tables import markdown
 
@@ -201,6 +204,29 @@ def loop_ratio(
     ]
 
 
+def effect_ratios(repeats: int = 6, blocks: int = 6) -> list[Figure]:
+    """Return what each effect of the study `effects` adds to a step of the physics on `farm`.
+
+    In frozen bare steps; plants with and without it alternate, the fastest block counts.
+    """
+    plants = {}
+    for name, changes in EFFECTS.items():
+        plant = plants[name] = assemble(load("farm", (*BASE, *changes))[1], SEED).plant
+        plant.reset(0.0, 0.0, 0.0, 1.5)
+        plant.advance(Command(0.05, 0.0, 0.5), 1000)
+    starts, spent = {name: plant.snapshot() for name, plant in plants.items()}, defaultdict(list)
+    for _ in range(repeats):
+        spent["bare"].append(bare_step_s())
+        for (name, plant), _ in itertools.product(plants.items(), range(blocks)):
+            plant.restore(starts[name])
+            begin = time.thread_time()
+            plant.drive(Command(0.05, 0.0, 0.5), 25, 20)
+            spent[name].append((time.thread_time() - begin) / 500)
+    least = {name: min(times) for name, times in spent.items()}
+    ratios = {name: (least[name] - least["none"]) / least["bare"] for name in EFFECTS}
+    return [Figure(f"{name}, bare steps", ratio) for name, ratio in ratios.items()][1:]
+
+
 def calls_of_a_period(overrides: Sequence[str] = (), ticks: int = 40) -> dict[str, float]:
     """Return the Python calls of a control period of `grass` in memory, by stage: exact counts.
 
@@ -284,16 +310,12 @@ def start_up(repeats: int = 5) -> list[Figure]:
 # --- Sweep ----------------------------------------------------------------------------------------
 
 
-def peak_mb() -> float:
-    """Return the peak memory of this process [MB]; `getrusage` begins with that of the parent."""
-    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-    return float(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024.0
-
-
 def _sweep(study: SweepStudy, workers: int, parent: Path) -> tuple[float, list[Row], float]:
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak [MB]."""
     taken, folder = 0.0, None
-    with engine(workers) as cores:
+    # workers load what those of `ttempc sweep` do, and no main module of this process
+    bare = {"__main__": ModuleType("__main__")}
+    with mock.patch.dict(sys.modules, bare), engine(workers) as cores:
         for seeds in (workers, study.seeds):
             plan = SweepPlan("benchmark", replace(study, seeds=seeds))
             folder = SweepFolder(Path(tempfile.mkdtemp(dir=parent)), Origin.here("", plan.size))
@@ -333,6 +355,7 @@ def sweeps(seeds: int = 4) -> list[Figure]:
 PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
     "ticks": ticks,
     "loop": loop_ratio,
+    "effects": effect_ratios,
     "calls": calls,
     "start-up": start_up,
     "sweep": sweeps,

@@ -94,7 +94,7 @@ def _other_numbers(summary: Summary) -> list[str]:
     step, factor = summary.timing.control_step_us, summary.timing.real_time_factor
     lines = []
     if step.median is not None and step.p99 is not None:
-        lines.append(f"Control step {step.median:.0f} us (median), {step.p99:.0f} us (p99)")
+        lines.append(f"Control step {step.median:.0f} µs (median), {step.p99:.0f} µs (p99)")
     inputs = summary.inputs
     shares = {
         "front steering": inputs.delta_t.saturated_fraction,

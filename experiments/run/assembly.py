@@ -288,6 +288,7 @@ def _guidance(
         sensor_noise=settings.noise.sensor_noise(scenario.sensors),
         # The disturbances of the true state are those beside the given lengths: none to learn.
         learn=settings.learn and not true_state,
+        learn_field=settings.learn_field,
     )
 
 

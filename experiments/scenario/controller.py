@@ -178,6 +178,8 @@ class ControllerSettings:
     """Noise of the sensors that the estimator assumes."""
     learn: bool = True
     """Whether parameters of the model are learnt while driving, see docs/learning.md."""
+    learn_field: bool = False
+    """Whether disturbances are learnt by place, for later passes over the same line."""
 
     def __post_init__(self) -> None:
         if ":" not in self.estimator and self.estimator not in (*ESTIMATORS, TRUTH):

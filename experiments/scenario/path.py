@@ -156,6 +156,8 @@ class Headland(_ClosedForm):
     """Distance from pass to pass."""
     passes: Annotated[int, Field(ge=1, le=200)] = 4
     """Number of passes."""
+    laps: Annotated[int, Field(ge=0, le=100)] = 0
+    """Number of laps of two passes with a turn back; 0: none, the passes are driven once."""
     radius_m: LengthM = 7.0
     """Smallest radius of the turns; these are loops, half circles or U turns."""
     blend_m: LengthM = 2.0
@@ -167,7 +169,8 @@ class Headland(_ClosedForm):
 
     def path(self) -> ReferencePath:
         """Return the path."""
-        return headland(self.length_m, self.width_m, self.passes, self.radius_m, self.blend_m)
+        shape = self.length_m, self.width_m, self.passes, self.radius_m, self.blend_m
+        return headland(*shape, self.laps)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -10,7 +10,7 @@ from ...testbed.configuration.config_io import STRICT
 from ...testbed.discretisation import whole_steps
 from ...testbed.simulation.deadline import STEP_LIMIT_S
 from ...testbed.wheels.soil_law import SoilLaw
-from ...testbed.wheels.wheel_models import DEFAULT_WHEEL_MODEL, WheelModelName, wheel_model
+from ...testbed.wheels.wheel_models import DEFAULT_WHEEL_MODEL, WheelModelName
 from ..errors import InvalidScenario
 from .vehicle import PlantVehicleSettings
 
@@ -31,10 +31,6 @@ class PlantSettings:
     """Coefficients of traction, motion resistance and side force on soil."""
     vehicle: PlantVehicleSettings = PlantVehicleSettings()
     """Parameters of the vehicle."""
-
-    def __post_init__(self) -> None:
-        if self.wheel_law.second_pass and not wheel_model(self.wheels).follows_soil_law:
-            raise ValueError(f"wheel_law.second_pass needs soil wheels, got wheels {self.wheels!r}")
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -230,22 +230,6 @@ def fill_in(
     return _filled(plant, plant_values), _filled(model, _values(nominal) | _given(model))
 
 
-def edited_file(text: str, values: Mapping[str, float], note: str) -> str:
-    """Return the text of a vehicle file with other `values`, by their keys of a scenario.
-
-    Every changed line ends with the comment `note` instead of its own; all else stays.
-    """
-    places = {PARAMETERS[key][:2]: value for key, value in values.items()}
-    table, lines = "", []
-    for line in text.splitlines():
-        head = line.split("#")[0].strip()
-        if head.startswith("["):
-            table = head.strip("[] ")
-        value = places.get((table, head.partition("=")[0].strip()))
-        lines.append(line if value is None else f"{head.split('=')[0]}= {value:.4f}  # {note}")
-    return "\n".join(lines) + "\n"
-
-
 _Settings = TypeVar("_Settings", PlantVehicleSettings, ModelVehicleSettings)
 
 

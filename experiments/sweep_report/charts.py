@@ -1,4 +1,4 @@
-"""Charts of a sweep: tails of the error, maps over two axes, curves over one."""
+"""Charts of a sweep: tails of the error, curves over one axis."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
@@ -110,7 +107,7 @@ def tail_panel(sweep: Sweep) -> Panel:
             errors = np.sort(own["error_cm"].dropna())
             lost = int(own["status"].ne("completed").sum())
             above = (np.arange(len(errors) - 1, -1, -1) + lost) / max(1, len(errors) + lost)
-            looks = series(number, name) | {"marker": "", "linewidth": 1.4}
+            looks: dict[str, Any] = series(number, name) | {"markersize": 3.8}
             axes.step(errors, 100.0 * np.where(above > 0.0, above, np.nan), where="post", **looks)
         if not len(known):
             note(axes, 0.5, 0.5, "no run completed", ha="center", color=GREY)
@@ -121,57 +118,6 @@ def tail_panel(sweep: Sweep) -> Panel:
         axes.axhline(5.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
 
     return Panel("Share of the runs that are worse", draw, sweep.controllers)
-
-
-def map_panels(sweep: Sweep, pair: Sequence[Scale], table: pd.DataFrame) -> list[Panel]:
-    """Return maps over two axes, the one with more values across: errors, and failures if any.
-
-    Args:
-        sweep: the runs.
-        pair: the axes.
-        table: `groups` by them.
-    """
-    up, across = sorted(pair, key=lambda scale: len(scale.texts))
-    errors = _values(table["error_cm"])
-    low = max(1e-2, np.nanmin(errors)) if np.isfinite(errors).any() else 1.0
-    norm = LogNorm(low, max(1.001 * low, float(np.nan_to_num(errors).max())))
-    looks: list[tuple[Any, ...]] = [("error_cm", 1.0, error_label(sweep), norm, "YlGnBu")]
-    if sweep.rows["failed"].any():
-        looks.append(("rate", 100.0, "failed [%]", Normalize(0.0, 100.0), "YlOrBr"))
-    panels = []
-    for column, factor, quantity, *look in looks:
-        for name in sweep.controllers:
-            own = table[table["controller"] == name]
-            cells = np.full((len(up.texts), len(across.texts)), np.nan)
-            cells[own[up.label], own[across.label]] = factor * _values(own[column])
-            title = f"{name}: {quantity} over {across.label} and {up.label}"
-            panels.append(Panel(title, partial(_draw_map, across, up, cells, *look)))
-    return panels
-
-
-def _draw_map(
-    across: Scale,
-    up: Scale,
-    cells: FloatArray,
-    norm: Normalize,
-    palette: str,
-    axes: Axes,
-) -> None:
-    """Draw the cells (n, m) of a map with a colour bar; those without a figure stay empty."""
-    colours = colormaps[palette]
-    edges = (np.arange(cells.shape[1] + 1) - 0.5, np.arange(cells.shape[0] + 1) - 0.5)
-    border = {"edgecolor": "white", "linewidth": 1.5}
-    axes.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, **border)
-    dress(axes, across.label, up.label)
-    axes.grid(visible=False)
-    _ticks(axes.xaxis, across, range(len(across.texts)))
-    _ticks(axes.yaxis, up, range(len(up.texts)))
-    ticks: dict[str, Any] = {}
-    if isinstance(norm, LogNorm):
-        ticks = {"ticks": LogLocator(subs=(1.0, 2.0, 5.0)), "format": StrMethodFormatter("{x:g}")}
-    bar = axes.figure.colorbar(ScalarMappable(norm, colours), ax=axes, aspect=25.0, **ticks)
-    bar.minorticks_off()
-    bar.ax.tick_params(labelsize=7.0, length=2)
 
 
 def _ticks(axis: XAxis | YAxis, scale: Scale, positions: Sequence[float]) -> None:

@@ -11,7 +11,7 @@ def format_estimate(estimate: IntervalEstimate | None, decimals: int = 1, sign: 
     """Return an estimate with its interval, a dash where there is none."""
     if estimate is None:
         return "–"
-    form = f"{sign}.{decimals}f"
+    form = f"{sign}z.{decimals}f"  # z: no negative zero
     value = format(estimate.value, form)
     if estimate.low is None or estimate.high is None:
         return value

@@ -21,13 +21,12 @@ from ..report.html import Picture, environment
 from ..results.statistics import caveat
 from ..results.summary import ACTUATOR_USE
 from ..results.tracking_errors import START_UP_S
-from .charts import Panel, curve_panels, map_panels, tail_panel
+from .charts import Panel, curve_panels, tail_panel
 from .format import format_estimate, format_numbers, format_value
 from .runs import Sweep, best, differences, groups
 
 _DPI: Final = 160.0
-_MOST_MAPS: Final = 3  # pairs of axes
-_MOST_WORST: Final = 4  # runs that are listed of each controller
+_MOST_WORST: Final = 4  # runs that are listed of each controller, half of its runs at most
 
 Cell = tuple[str, float | str]
 """Text of a cell, and the value to sort by; a text counts as the text of the cell."""
@@ -94,13 +93,6 @@ def make_report(sweep: Sweep, against: str | None = None) -> SweepReport:
         )
     ]
     listed = [scale for scale in scales if not scale.binned]
-    maps = [
-        map_panels(sweep, pair, groups(sweep, pair))
-        for pair in itertools.islice(itertools.combinations(listed, 2), _MOST_MAPS)
-    ]
-    if maps:
-        caption = "Mean error of the runs that completed; empty where none did."
-        sections.append(Section("Two axes at a time", caption, [*itertools.chain(*maps)]))
     if scales:
         curves = [curve_panels(sweep, scale, groups(sweep, [scale])) for scale in scales]
         caption = "Bands: 95 % intervals. Where many runs fail, those that complete are the best."
@@ -205,16 +197,16 @@ def _of_pairs(against: str) -> Columns:
 
 def _of_runs(sweep: Sweep) -> Columns:
     axes = (key for key in sweep.study.names if key != "controller")
-    return {
+    columns: Columns = {
         "run": ("run", _plain),
         **_CONTROLLER,
         "seed": ("seed", _plain),
         **{key.rpartition(".")[2]: (key, lambda v: (format_value(v), v)) for key in axes},
         "status": ("status", _plain),
         "error [cm]": ("error_cm", lambda cm: ("–", "") if math.isnan(cm) else (f"{cm:.1f}", cm)),
-        "log": ("log", _link),
-        "why": ("failure", _plain),
     }
+    columns |= {"log": ("log", _link)} if sweep.rows["log"].ne("").any() else {}
+    return columns | ({"why": ("failure", _plain)} if sweep.rows["failure"].ne("").any() else {})
 
 
 def _worst(sweep: Sweep) -> pd.DataFrame:
@@ -225,7 +217,9 @@ def _worst(sweep: Sweep) -> pd.DataFrame:
     ordered = rows.assign(severity=severity, bare=rows["log"].eq("")).sort_values(
         ["controller", "severity", "bare", "run"], ascending=[True, False, True, True]
     )
-    return ordered.groupby("controller", observed=True).head(_MOST_WORST)
+    own = ordered.groupby("controller", observed=True)
+    most = (own["run"].transform("size") // 2).clip(1, _MOST_WORST)
+    return ordered[own.cumcount() < most]
 
 
 def _table(title: str, frame: pd.DataFrame, columns: Columns) -> Table:

@@ -85,7 +85,7 @@ def soil_steps(
     Args:
         model, data: addresses; positions and velocities are up to date before and after.
         wheels, coupling, dynamics, chassis, moment: arguments of `wheel_step`, `couple_joints`, of
-            `move` from tree on, of `clearance`, and of `write_moment` from places on.
+            `move`, of `clearance`, and of `write_moment` from places on.
         tool: arguments of `tool_step`, None without an implement.
         reaches: (nv,) largest distance by which a unit of each degree of freedom moves a point of
             the chassis, [m] or [m/m].
@@ -124,7 +124,7 @@ def soil_steps(
             couple_joints(*coupling)
             if tool is not None:
                 tool_step(*tool)
-            move(model, data, smooth, timestep, *dynamics)
+            move(model, data, smooth, timestep, dynamics)
             # The shapes are where they were before the step, the velocities those that moved them.
             motion = 0.0
             for dof in range(qvel.size):
@@ -138,7 +138,7 @@ def soil_steps(
                 angle = qpos[int(limits[joint, 0])]
                 inside = inside and limits[joint, 1] <= angle <= limits[joint, 2]
             if inside and smooth:
-                positions(model, data, *dynamics)
+                positions(model, data, dynamics)
             else:  # also once more where constraints end, so that none is left
                 flags[0] = given | unused if inside else given
                 all_positions(model, data)

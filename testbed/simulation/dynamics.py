@@ -10,7 +10,7 @@ or a joint is at a limit, the constraints are MuJoCo's, too.
 # pyright: reportAttributeAccessIssue=false
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import llvmlite.binding
 import mujoco
@@ -18,7 +18,6 @@ import numpy as np
 from numba import types
 
 from ttempc.jit import FAST, cached_njit
-from ttempc.types import FloatArray
 
 for _pattern in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
     for _library in Path(mujoco.__file__).parent.glob(_pattern):
@@ -45,20 +44,19 @@ EXPLICIT: Final = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 
 
 def dynamics_arguments(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[object, ...]:
-    """Return the arguments of `move` from `tree` on, views of MuJoCo's arrays.
+    """Return the argument `dynamics` of `move`, views of MuJoCo's arrays.
 
     Raises:
-        ValueError: the model has springs or dampers beyond those of `move`.
+        ValueError: the model has forces beyond those of `move`.
     """
-    if any(each.any() for each in (model.jnt_stiffness, model.dof_dampingpoly)):
-        raise ValueError("model: has joints with springs or nonlinear dampers")
+    springs = model.jnt_stiffness.any() or model.dof_dampingpoly.any()
+    if springs or not model.actuator_forcelimited.all():
+        raise ValueError("model: has springs, nonlinear dampers, or an actuator without limits")
     last = model.M_rowadr + model.M_rownnz - 1  # a row of the inertia ends on the diagonal
     tree = model.body_parentid, model.dof_bodyid, last
-    limited = model.actuator_forcelimited[:, None].astype(bool)
-    limits = np.where(limited, model.actuator_forcerange, [-np.inf, np.inf])
     return (
         tuple(np.ascontiguousarray(each, dtype=np.int64) for each in tree),
-        (model.dof_damping, model.actuator_biasprm, limits),
+        (model.dof_damping, model.actuator_biasprm, model.actuator_forcerange),
         (data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind),
         (data.actuator_length, data.actuator_velocity, data.actuator_force),
         (data.xipos, data.subtree_com, data.cdof, data.xfrc_applied),
@@ -69,19 +67,9 @@ def dynamics_arguments(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[obje
 
 
 @cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST)
-def positions(
-    model: int,
-    data: int,
-    tree: tuple[np.ndarray, ...],
-    gains: tuple[FloatArray, ...],
-    moments: tuple[np.ndarray, ...],
-    actuators: tuple[FloatArray, ...],
-    bodies: tuple[FloatArray, ...],
-    state: tuple[FloatArray, ...],
-    forces: tuple[FloatArray, ...],
-    others: tuple[FloatArray, ...],
-) -> None:
-    """Do as `mj_step1` for a vehicle without constraints; arguments as of `move`."""
+def positions(model: int, data: int, dynamics: tuple[Any, ...]) -> None:
+    """Do as `mj_step1` for a vehicle without constraints; `dynamics` as of `move`."""
+    _, gains, moments, actuators, _, state, forces, _ = dynamics
     qpos, qvel, _, _ = state
     moment, counts, firsts, columns = moments
     length, velocity, _ = actuators
@@ -103,20 +91,7 @@ def positions(
 
 
 @cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST)
-def move(
-    model: int,
-    data: int,
-    free: bool,
-    timestep: float,
-    tree: tuple[np.ndarray, ...],
-    gains: tuple[FloatArray, ...],
-    moments: tuple[np.ndarray, ...],
-    actuators: tuple[FloatArray, ...],
-    bodies: tuple[FloatArray, ...],
-    state: tuple[FloatArray, ...],
-    forces: tuple[FloatArray, ...],
-    others: tuple[FloatArray, ...],
-) -> None:
+def move(model: int, data: int, free: bool, timestep: float, dynamics: tuple[Any, ...]) -> None:
     """Do as `mj_step2` with `implicitfast`, for a model that has the flag `EXPLICIT`.
 
     Forces on bodies pass from the leaves to the root, each a wrench about the vehicle's centre of
@@ -127,15 +102,11 @@ def move(
         model, data: addresses.
         free: whether there are no constraints.
         timestep: [s].
-        tree: parents (nbody,), body of each degree of freedom (nv,), places of the diagonal (nv,).
-        gains: MuJoCo's `dof_damping`, `actuator_biasprm`, and the limits of the forces.
-        moments: MuJoCo's sparse `actuator_moment`: entries, row counts, row starts, columns.
-        actuators: MuJoCo's `actuator_length`, `actuator_velocity`, `actuator_force`.
-        bodies: MuJoCo's `xipos`, `subtree_com`, `cdof`, `xfrc_applied`.
-        state: MuJoCo's `qpos`, `qvel`, `M`, and (nbody, 6) of work.
-        forces: MuJoCo's `qfrc_smooth`, `qfrc_passive`, `qfrc_bias`, `qfrc_applied`.
-        others: MuJoCo's `qfrc_actuator`, `qfrc_constraint`, `qacc_smooth`, `qacc`.
+        dynamics: of `dynamics_arguments`: parents (nbody,), body of each degree of freedom (nv,),
+            places of the diagonal (nv,); gains and limits; the sparse moments; the actuators;
+            bodies, with the forces on them; the state, with (nbody, 6) of work; forces.
     """
+    tree, gains, moments, actuators, bodies, state, forces, others = dynamics
     parents, body_of, diagonal = tree
     damping, bias_of, limits = gains
     moment, counts, firsts, columns = moments

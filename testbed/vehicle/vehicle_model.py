@@ -86,7 +86,26 @@ def physics_model(spec: mujoco.MjSpec, coupled: bool) -> mujoco.MjModel:
         lean.delete(item)
     for constraint in lean.equalities:
         constraint.active = not coupled
-    return lean.compile()
+    model = lean.compile()
+    for body in range(1, model.nbody):
+        _align_inertia(model, body)
+    for same in (model.geom_sameframe, model.site_sameframe):  # as inertias that were turned
+        same[same == mujoco.mjtSameFrame.mjSAMEFRAME_INERTIA] = 0
+        same[same == mujoco.mjtSameFrame.mjSAMEFRAME_INERTIAROT] = 0
+    return model
+
+
+def _align_inertia(model: mujoco.MjModel, body: int) -> None:
+    """Name the principal axes of a body by its frame where they are along it: one frame less."""
+    axes = np.zeros(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
+    order = np.abs(axes.reshape(3, 3)).round(9)
+    if np.isin(order, (0.0, 1.0)).all():
+        model.body_inertia[body] = order @ model.body_inertia[body]
+        model.body_iquat[body] = 1.0, 0.0, 0.0, 0.0
+        kind = mujoco.mjtSameFrame
+        moved = model.body_ipos[body].any()
+        model.body_sameframe[body] = kind.mjSAMEFRAME_BODYROT if moved else kind.mjSAMEFRAME_BODY
 
 
 def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, str]:

@@ -145,12 +145,6 @@ class SoilLaw:
     damping_roll_s: _Damping = 0.06
     """Damping over stiffness of motion resistance at rest: a vehicle stops without swing; assumed.
     """
-    second_pass: bool = False
-    """Whether tracks that wheels leave in a run change the soil for the wheels that follow."""
-    second_pass_traction: Positive = 1.07
-    """Traction in a track over that beside it: mean of 19 fields, 13.6-38 tyre (NIAE)."""
-    second_pass_resistance: Positive = 0.89
-    """Motion resistance in a track over that beside it (NIAE)."""
 
     @model_validator(mode="before")
     @classmethod
@@ -176,7 +170,7 @@ class SoilLaw:
         return law
 
     def table(self, count: int) -> FloatArray:
-        """Return all numbers in the order of the fields, for the compiled law, (count, 25)."""
+        """Return all numbers in the order of the fields, for the compiled law, (count, 23)."""
         values = [getattr(self, name.name) for name in fields(self)]
         numbers = [value for value in values if isinstance(value, float | np.ndarray)]
         return np.column_stack([np.broadcast_to(number, count) for number in numbers])

@@ -62,7 +62,7 @@ _COLUMNS: Final = tuple(tyre.FAN_COLUMNS.tolist())
 _SMALLEST_LOAD: Final = tyre.SMALLEST_LOAD
 _SMALL_SPEED: Final = tyre.SMALL_SPEED
 _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
-# contact length over radius; a track begins this far of travel behind the wheel that made it
+# contact length over radius
 _CONTACT: Final = float(2.0 * np.sin(tyre.FAN_ANGLES[-1]))
 
 
@@ -160,7 +160,7 @@ def wheel_step(
     """Advance the tread deflections of all wheels and write the forces of the ground.
 
     Args:
-        law: (n, 25) `SoilLaw.table`.
+        law: (n, 23) `SoilLaw.table`.
         tyres: (n, 7) `Tyres.table`.
         heights: (ny, nx) [m] of the ground.
         cone_indices: (ny, nx) [kPa] on the same grid.
@@ -171,18 +171,14 @@ def wheel_step(
         xmat: (nbody, 9) body axes, row major; the axle is the second column.
         cvel: (nbody, 6) rotation and velocity at `com`.
         com: (nbody, 3) [m] subtree centres of mass; row 1 is the vehicle's.
-        state: (3 n,) [m] tread deflections, wheel by wheel, changed in place. With a second pass
-            also the distance [m] driven, and for each point of the grid, row by row, 1 plus the
-            distance at which a wheel first ran over it, or 0: (3 n + 1 + ny nx,). With ruts, for
-            each wheel the travel [m] since it pressed, for each the part of the soil's resistance
+        state: (3 n,) [m] tread deflections, wheel by wheel, changed in place. With ruts, for each
+            wheel also the travel [m] since it pressed, for each the part of the soil's resistance
             that it has more than on new soil, and `heights`: (5 n + ny nx,).
         output: (n, 7) see `Output`, written.
         xfrc: (nbody, 6) force and moment on each body, rows of wheels written.
     """
     count = bodies.size
     ruts = firm.size > 0
-    tracks = state.size > 3 * count and not ruts
-    driven = 0.0
     ny, nx = heights.shape
     x0, y0, dt = grid[0], grid[1], grid[3]
     spacing = grid[2]
@@ -312,7 +308,7 @@ def wheel_step(
         state[first], state[first + 1], state[first + 2] = u1, w1, r1
 
         grip_long = traction_most * (1.0 - math.exp(-traction_bn * bn))
-        freer, sinking = 1.0, 1.0
+        sinking = 1.0
         if ruts:
             speed = math.sqrt(vx * vx + vy * vy)
             travel = state[3 * count + wheel] + speed * dt
@@ -328,19 +324,6 @@ def wheel_step(
                 travel = 0.0
             state[3 * count + wheel] = travel
             sinking += state[4 * count + wheel]
-        if tracks:
-            place = state[3 * count + 1 + row * nx + column]
-            if place > 0.0 and state[3 * count] + 1.0 - place > _CONTACT * radius:
-                grip_long *= law[wheel, 23]
-                freer = law[wheel, 24]
-            driven += abs(v_long) * dt / count
-            for c in range(3):
-                offset = width * _COLUMNS[c]
-                i, p = grid_cell((cx + offset * ax - x0) * per_metre, nx - 1)
-                j, q = grid_cell((cy + offset * ay - y0) * per_metre, ny - 1)
-                cell = 3 * count + 1 + (j + (q >= 0.5)) * nx + i + (p >= 0.5)
-                if state[cell] == 0.0:
-                    state[cell] = state[3 * count] + 1.0
         borne = min(law[wheel, 11], law[wheel, 12] * grip_long)
         grip_lat = min(law[wheel, 9] + law[wheel, 10] / m, borne)
         x = traction_slip * slip
@@ -349,14 +332,12 @@ def wheel_step(
         share = -math.expm1(-rho) / rho if rho > 0.0 else 1.0
         traction = grip_long * share * x
         side = -grip_lat * share * y
-        torque = traction + freer * resistance_tyre * share_roll
+        torque = traction + resistance_tyre * share_roll
         driving = max(0.0, slip * share_roll)
-        resistance = freer * (
-            sinking * resistance_bn / bn + law[wheel, 8] * driving / math.sqrt(bn)
-        )
+        resistance = sinking * resistance_bn / bn + law[wheel, 8] * driving / math.sqrt(bn)
         # traction and side force are inside their ellipse; a brake beyond the tyre's own resistance
         # takes over that of the soil where both together would leave it
-        braked = -traction * share_roll - freer * resistance_tyre
+        braked = -traction * share_roll - resistance_tyre
         if braked > 0.0:
             room = grip_long * math.sqrt(max(0.0, 1.0 - (side / grip_lat) ** 2)) - abs(traction)
             resistance = min(resistance, max(resistance - braked, room))
@@ -372,5 +353,3 @@ def wheel_step(
         xfrc[body, 4] = my - excess * ay
         xfrc[body, 5] = mz - excess * az
         output[wheel, 0], output[wheel, 3], output[wheel, 4] = load, pull, side
-    if tracks:
-        state[3 * count] += driven

@@ -67,7 +67,7 @@ class SoilWheels(WheelModel):
     Those of `couple_joints`, which steer the front wheels, are added to `qfrc_passive`.
 
     The state holds the tread deflections [m]: a restored run without them is 29 mm away after
-    10 s. With a second pass it also holds the tracks of the run, with ruts the heights.
+    10 s. With ruts it also holds the heights.
     """
 
     follows_soil_law: ClassVar[bool] = True
@@ -78,8 +78,7 @@ class SoilWheels(WheelModel):
     ) -> None:
         super().__init__(model, data, tyres, ground, law)
         heights, n = ground.terrain.heights, len(WHEELS)
-        tracks = 1 + heights.size if law.second_pass else 0
-        self.state = np.zeros(5 * n + heights.size if ground.ruts else 3 * n + tracks)
+        self.state = np.zeros(5 * n + heights.size if ground.ruts else 3 * n)
         self._firm = heights if ground.ruts else np.empty((0, 0))
         self._heights = self.state[5 * n :] if ground.ruts else np.empty(0)
         surface = self._heights.reshape(heights.shape) if ground.ruts else heights

@@ -16,7 +16,7 @@ from ..layout import (
     measurements_of,
     sample_rows,
 )
-from ..models.augmented_state import LENGTH, STATES, AugmentedState
+from ..models.augmented_state import LENGTH, MAPPED, STATES, AugmentedState
 from ..types import Command, Estimate, FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
 from .filter import (
@@ -31,6 +31,7 @@ from .filter import (
 from .noise import ProcessNoise, SensorNoise
 
 _ESTIMATE_SIZE: Final = ESTIMATE.itemsize // 8
+NO_CHANGE: Final = np.zeros(MAPPED)
 _NOT_KNOWN: Final = np.full(len(Input), math.nan)
 
 
@@ -86,7 +87,12 @@ class ExtendedKalmanFilter:
         self.parameters = filter_parameters(vehicle, sensors, process, gate_probability, memory_s)
         history = np.zeros(HISTORY.itemsize // 8)
         history.view(HISTORY)["now_s"] = math.nan
-        self._state = history, np.empty((17, ROW)), np.empty((512, HELD)), np.empty((32, 4))
+        self._state = (
+            history,
+            np.empty((17, ROW)),
+            np.empty((512, HELD)),
+            np.zeros((32, 1 + len(Input) + MAPPED)),
+        )
 
     def warm_up(self) -> None:
         """Compile or load what an update needs; the filter's state does not change."""
@@ -111,7 +117,7 @@ class ExtendedKalmanFilter:
         return estimate_view(estimate, Innovations(innovations))
 
     def observe(
-        self, time_s: float, rows: FloatArray, command: FloatArray
+        self, time_s: float, rows: FloatArray, command: FloatArray, change: FloatArray = NO_CHANGE
     ) -> tuple[FloatArray, FloatArray]:
         """Do `update` on flat arrays; return `ESTIMATE` and rows (n, `INNOVATION`).
 
@@ -119,7 +125,7 @@ class ExtendedKalmanFilter:
         """
         self.reserve(len(rows))
         estimate, innovations = np.empty(_ESTIMATE_SIZE), np.zeros((len(rows), INNOVATION))
-        tick = time_s, command, estimate
+        tick = time_s, np.concatenate([command, change]), estimate
         if observe_filter(self.parameters, *self._state, rows, *tick, innovations):
             self.start()
             observe_filter(self.parameters, *self._state, rows[:0], *tick, innovations[:0])

@@ -21,6 +21,7 @@ from ..models.augmented_state import (
     DISTURBANCE_BOUND,
     INITIAL_SD,
     LENGTH,
+    MAPPED,
     SIZE,
     STATES,
     AugmentedState,
@@ -485,11 +486,26 @@ def predict_until(
     The commands are as in `acting`. Where one is not known, that steering or the speed is constant.
     """
     f, now = record(parameters, FILTER), record(moment, MOMENT)
-    command = local((_INPUTS,))
+    command, half = local((_INPUTS,)), local((MAPPED,))
     while until_s - now.time_s > SAME_TIME_S:
         end_s = acting(parameters, commands, count, now.time_s, command)
+        n = 1
+        while n < count - 1 and commands[n, 0] <= now.time_s + SAME_TIME_S:
+            n += 1
+        share = 0.0
+        if n < count:
+            for i in range(MAPPED):
+                share = max(share, abs(commands[n, 1 + _INPUTS + i]))
+        if share > 0.0:
+            if commands[n, 0] > now.time_s + SAME_TIME_S:
+                end_s = min(end_s, commands[n, 0])
+            span_s = max(commands[n, 0] - commands[n - 1, 0], SAME_TIME_S)
+            share = 0.5 * (min(end_s, until_s) - now.time_s) / span_s
         if end_s >= until_s - SAME_TIME_S:
             end_s = until_s
+        for i in range(MAPPED):
+            half[i] = share * commands[n, 1 + _INPUTS + i] if share > 0.0 else 0.0
+            now.augmented[0, STATES + i] += half[i]
         for i in range(2):
             if math.isnan(command[i]):
                 command[i] = now.valves[i]
@@ -498,6 +514,8 @@ def predict_until(
             command[Input.HP] = rim / f.vehicle[VehicleParameter.SPEED_GAIN]
         span_s = end_s - now.time_s
         predict(parameters, moment, command, span_s, steps_over(span_s))
+        for i in range(MAPPED):
+            now.augmented[0, STATES + i] += half[i]
         now.time_s = end_s
     now.time_s = until_s
 
@@ -575,7 +593,7 @@ def observe_filter(
     if h.commands == 0 or commands[h.commands - 1, 0] != now_s:
         h.commands += 1
     commands[h.commands - 1, 0] = now_s
-    for j in range(_INPUTS):
+    for j in range(_INPUTS + MAPPED):
         commands[h.commands - 1, 1 + j] = command[j]
 
     # Headings of both bodies for the antennas: before the start the line between them
@@ -699,7 +717,7 @@ def observe_filter(
         longest_s = max(longest_s, parameters[VehicleParameter.DEAD_TIME_T + j])
     for k in range(h.commands):
         if commands[k, 0] >= oldest_s - longest_s:
-            for j in range(4):
+            for j in range(1 + _INPUTS + MAPPED):
                 commands[count, j] = commands[k, j]
             count += 1
     h.commands = count

@@ -90,7 +90,7 @@ class DetectorIndex(IntEnum):
     HITCH = 16  # against the motion of both bodies
     POSITION = 17  # against dead reckoning
     DRIFT = 18  # of both receivers
-    PROTECTION = 19  # level: a bound of the position's error, while a sensor is not used
+    PROTECTION = 19  # level: of the position, while a sensor is not used
 
 
 _COUNT: Final = 20  # detectors
@@ -134,6 +134,7 @@ _ROUGH_S: Final = 30.0  # mean of the learnt roughness
 _DRIFT_S: Final = 3.0  # for which they are averaged
 _SLOPE: Final = 1.55  # least wheel slip on a slope over the side slip
 _MOVING: Final = 0.1  # [m/s]
+_SPUN_S: Final = 20.0  # that a vehicle takes to stand; assumed
 _LEVEL: Final = 1.2, math.sqrt(2.0 * math.log(1e5))  # [m]; deviations at a risk of 1e-5 a tick
 _SURE_M: Final = 0.2  # four standard deviations of a position that is known
 
@@ -229,6 +230,7 @@ MONITORS: Final = np.dtype(
         ("rough", "f8"),  # mean of the learnt factor of roughness
         # Means: both slips as a slope; wheel slip of a second, of a minute, by the plan of a second
         ("slips", "f8", 4),
+        ("spun_s", "f8"),  # last time at which the wheels may have spun
         ("workspace", "f8", 102 * 101 // 2),  # slopes of a second; means of the response
     ]
 )
@@ -240,7 +242,7 @@ def new_monitors() -> FloatArray:
     flat = np.zeros(MONITORS.itemsize // 8)
     s = flat.view(MONITORS)[0]
     s["limit"], s["present"][:, 0], s["alarms"][:, 0] = _LIMITS, _REACTIONS, -1.0
-    s["reading"][:, 0] = s["steered_s"] = -math.inf
+    s["reading"][:, 0] = s["steered_s"] = s["spun_s"] = -math.inf
     s["residual"][DetectorIndex.STEERING :] = s["least"][..., 1] = math.nan
     s["valve"] = s["angle"] = s["sample"] = s["reading"][:, 2:5] = math.nan
     s["pose"] = s["noise"][:, :2] = math.nan
@@ -763,9 +765,11 @@ def _observe_steering(
     if alarms[DetectorIndex.HITCH, 0] >= 0.0:
         unused[SensorIndex.HITCH] = 1.0
     # Until the vehicle stands, when the sum tells whether GNSS has come back. Where the wheels may
-    # spin, dead reckoning is no better.
+    # spin, dead reckoning is worse.
+    if alarms[DetectorIndex.WHEELS, 0] > _GO_ON or alarms[DetectorIndex.MOTION, 0] >= 0.0:
+        s.spun_s = now
     fooled = max(alarms[DetectorIndex.POSITION, 0], alarms[DetectorIndex.DRIFT, 0]) >= 0.0
-    fooled &= alarms[DetectorIndex.WHEELS, 0] <= _GO_ON and alarms[DetectorIndex.MOTION, 0] < 0.0
+    fooled &= now - s.spun_s > _SPUN_S
     for sensor in range(2 if fooled and abs(s.pose[4]) > _MOVING else 0):
         unused[sensor] = 1.0
 
@@ -835,8 +839,9 @@ def observe_monitors(
     Protection level: a bound of the horizontal error of the tractor point [m], the residual of this
     detector: what dead reckoning lets pass, and the error that a covariance with the larger
     variance v exceeds with probability p, sqrt(-2 v ln p) (as the horizontal protection level of
-    RTCA DO-229, there for one axis). A drift below the limit is not in it. The statistic is 0 as
-    long as all sensors are used.
+    RTCA DO-229, there for one axis). It holds without GNSS, and without a sensor that is left out;
+    where both receivers lie alike (jump, drift, float) the error may be larger: the table of
+    docs/appendix/reliability.md. The statistic is 0 as long as all sensors are used.
 
     Drift: with a common drift w of both receivers in the map, a speed v and all headings, the
     filter finds the side slip s = w / v and the wheel slip c = -w / v, both fixed in the map. A
@@ -893,7 +898,7 @@ _TABLE += [
     ("hitch", 1.0, _GO_ON, "hitch angle contradicts the motion of both bodies: not used"),
     ("position", 1.0, _STOP_ON_PATH, "position is {:.1f} m off dead reckoning"),
     ("drift", 1.0, _STOP_ON_PATH, "GNSS drifts by {:.0f} cm/s against the wheels"),
-    ("protection level", _LEVEL[0], _SLOW, "position may be {:.1f} m off without a sensor"),
+    ("protection level", _LEVEL[0], _SLOW, "position known to {:.1f} m without a sensor"),
 ]
 _NAMES, _LIMITS, _REACTIONS, _REASONS = zip(*_TABLE, strict=True)
 

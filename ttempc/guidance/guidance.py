@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
-from ..estimation.ekf import ExtendedKalmanFilter
+from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
 from ..layout import (
     ALARM,
@@ -88,6 +88,8 @@ class Guidance(GuidanceViews):
         safety: where the supervisor slows down and stops.
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
         learn: whether dead times, lags and lengths are learnt; or identifiers of your own.
+        learn_field: whether disturbances are learnt by place and known on the next pass over the
+            same line; or the `FieldMap.rows` of an earlier drive.
         detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
             your own, which run beside the built-in ones and do not replace them.
 
@@ -114,6 +116,7 @@ class Guidance(GuidanceViews):
         safety: SafetyLimits | None = None,
         speed_mps: float = 1.0,
         learn: bool | Sequence[Identifier] = True,
+        learn_field: bool | FloatArray = False,
         detect: bool | Sequence[Detector] = True,
     ) -> None:
         if isinstance(reference, Path):
@@ -129,7 +132,16 @@ class Guidance(GuidanceViews):
         self.reference_tick = 0  # of the reference at that tick: those that waited apart
         noise = sensor_noise or SensorNoise()
         self._parts = Parts(
-            vehicle, reference, period_s, controller, estimator, options, noise, tube, learn
+            vehicle,
+            reference,
+            period_s,
+            controller,
+            estimator,
+            options,
+            noise,
+            tube,
+            learn,
+            learn_field,
         )
         own = () if isinstance(detect, bool) else detect
         self._monitors = Monitors(own, built_in=detect is not False)
@@ -173,9 +185,12 @@ class Guidance(GuidanceViews):
         self._alarms = alarms = self._monitors.observe(
             rows, now, self._sent, estimate, self._innovations, vehicle, self._seen
         )
-        learner = self._parts.learner
-        if alarms.size and alarms[:, 0].max() > _GO_ON:
+        learner, field = self._parts.learner, self._parts.field
+        faulty = bool(alarms.size and alarms[:, 0].max() > _GO_ON)
+        if faulty:
             learner.forget()
+        if field is not None:
+            field.observe(self.reference_tick, estimate, not faulty)
         learner.record(self.tick, now, usable, self._sent, *estimate[_HEADINGS].tolist())
         seen = self._seen()
         return replace(seen, time_s=seen.time_s + origin) if origin else seen
@@ -231,7 +246,7 @@ class Guidance(GuidanceViews):
         """
         parts = self._parts
         with user_part(GuidanceFailed, "warm_up raised"):
-            for part in (parts.estimator, parts.controller, self._supervisor, self._monitors):
+            for part in (*parts.own, self._supervisor, self._monitors):
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 
@@ -284,7 +299,9 @@ class Guidance(GuidanceViews):
         """Run the estimator; a user's gets objects, and its estimate is copied into the record."""
         filter_ = self._parts.estimator
         if isinstance(filter_, ExtendedKalmanFilter) and type(filter_) is ExtendedKalmanFilter:
-            self.estimate_record, self._innovations = filter_.observe(now, rows, self._sent)
+            field = self._parts.field
+            change = NO_CHANGE if field is None else field.change(self.reference_tick)
+            self.estimate_record, self._innovations = filter_.observe(now, rows, self._sent, change)
             return
         sent = Command(*self._sent.tolist()) if self.tick else None
         with user_part(EstimatorFailed, f"the estimator raised at {now:.3f} s"):

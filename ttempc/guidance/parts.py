@@ -13,9 +13,10 @@ from ..reference.reference import Reference, check_drivable, check_pace
 from ..types import Command, Controller, Estimator, FloatArray, WarmingUp
 from ..vehicle import Vehicle
 from .controllers import EstimatorFactory, estimator_factory, make_controller
-from .dead_time import DeadTimeCompensation, Guided, compensated, resume
+from .dead_time import DeadTimeCompensation, Guided, compensated, lead_s, resume
 
 if TYPE_CHECKING:
+    from ..learning.field import FieldMap
     from ..tube.reference_tube import TubeDesign
 
 ControllerFactory = Callable[..., Controller]
@@ -123,6 +124,7 @@ class Parts:
         noise: SensorNoise,
         tube: TubeDesign | None,
         learn: bool | Sequence[Identifier],
+        learn_field: bool | FloatArray,
     ) -> None:
         self.vehicle, self.reference = vehicle, reference
         self.estimator = make_estimator(estimator, vehicle, noise)
@@ -139,6 +141,22 @@ class Parts:
             noise,
         )
         self.learner = Learner(learn, vehicle, period_s, builder)
+        self.field: FieldMap | None = None
+        if learn_field is not False:
+            from ..laws.tracking_controller import TrackingController
+            from ..learning.field import FieldMap
+
+            earlier = None if learn_field is True else learn_field
+            self.field = FieldMap(reference, period_s, lead_s(vehicle), earlier)
+            inner = self.controller
+            inner = inner.controller if isinstance(inner, DeadTimeCompensation) else inner
+            if isinstance(inner, TrackingController):
+                inner.feedback.field = self.field
+
+    @property
+    def own(self) -> tuple[object, ...]:
+        """What may need a warm-up."""
+        return self.estimator, self.controller, self.field
 
     def exchange(self, tick: int, sent: FloatArray) -> tuple[Built | None, tuple[str, ...]]:
         """Take on what is learnt and due at a tick; return it, and the notes on it.
@@ -164,4 +182,6 @@ class Parts:
             resume(new.controller, self.controller, [*learnt.sent, Command(*sent.tolist())])
             self.controller, self.reference = new.controller, new.reference
         self.vehicle = learnt.vehicle
+        if self.field is not None:
+            self.field.exchange(self.vehicle, lead_s(self.vehicle))
         return new, tuple(notes)

@@ -1,4 +1,4 @@
-"""What a guidance shows of its last update and its last step."""
+"""Views of the last update and the last step of a guidance."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..jit import cached_njit, record
 from ..layout import TICK, new_tick
+from ..models.augmented_state import MAPPED
 from ..mpc.articulated_error import PredictedPath, write_error
 from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
 from ..mpc.qp import UNSOLVED
@@ -344,6 +345,7 @@ class ArticulatedLaw(FeedbackLaw):
             mine, other = self._memory.view(MEMORY)[0], previous._memory.view(MEMORY)[0]
             mine["correlation"], mine["feedback"] = other["correlation"], other["feedback"]
             self.mpc.work.entering[:] = previous.mpc.work.entering
+            self.field = previous.field
 
     def act(
         self,
@@ -377,6 +379,10 @@ class ArticulatedLaw(FeedbackLaw):
     ) -> None:
         law, stages = self.law, self.mpc.horizon.stages
         propose(k, row, sent, law, stages, memory, work.given, tick)
+        if self.field is not None:  # -E (s(k + j) - s(k)), see `error_dynamics`
+            ahead = self.field.ahead(k, len(work.preview))[..., None]
+            by_slips = stages.model[k : k + len(ahead), :, _N : _N + MAPPED]
+            work.preview[:] = (by_slips @ ahead)[..., 0]
         outcome = plan(k, stages, work, self.mpc.most)
         if outcome < 0 and work is self.mpc.work:
             self.report, excess = self.mpc.answer(k, outcome)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from ..types import (
     State,
 )
 from ..vehicle import CommandLimits, Vehicle
+
+if TYPE_CHECKING:
+    from ..learning.field import FieldMap
 
 _WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
 _WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set up
@@ -54,6 +58,7 @@ class FeedbackLaw:
         write_told(told, tick)
         return told
 
+    field: FieldMap | None = None  # of disturbances by place, whose changes a plan may foresee
     report: SolverReport | None = None  # of the last QP that a solver answered, where `act` is None
 
     def predicted_path(self, k: int) -> FloatArray | None:

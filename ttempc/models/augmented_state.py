@@ -52,6 +52,9 @@ class AugmentedState(IntEnum):
 
 STATES: Final = len(State)
 SIZE: Final = len(AugmentedState)
+MAPPED: Final = 3
+"""Number of disturbances that a map of the field may have, the first ones here and of
+`Disturbance`: both side slips and the front steering. The others act along the path."""
 _DISTURBANCES: Final = SIZE - STATES
 _OF_MAP: Final = len(MapDisturbance)
 

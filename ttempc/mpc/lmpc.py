@@ -156,6 +156,7 @@ class Work(NamedTuple):
     active: FloatArray  # see `minimise`, (2 m Nc,)
     steps: FloatArray  # the minimiser (m Nc,)
     kept: FloatArray  # of a backup plan, see `ttempc.laws`: previous input and steps, (m + m Nc,)
+    preview: FloatArray  # what z_{k+1} ... z_{k+Np} each gain beside the model, (Np, r)
 
     def beside(self) -> Work:
         """Return arrays of which the matrices alone are shared with these."""
@@ -245,7 +246,7 @@ def pose(k: int, stages: Stages, work: Work) -> None:
         free[0, i] = given[i]
     for j in range(horizon):
         for i in range(r):
-            total = 0.0
+            total = work.preview[j, i]
             for c in range(n + m):
                 total += model[k + j, i, c] * (free[j, c] if c < r else given[c])
             free[j + 1, i] = total
@@ -335,7 +336,7 @@ def plan(k: int, stages: Stages, work: Work, most: int) -> int:
     if not known and not condense(k, stages, work):
         return NOT_CONVEX
     pose(k, stages, work)
-    _, hessian, factor, _, _, _, _, gradient, limits, active, steps, _ = work
+    _, hessian, factor, _, _, _, _, gradient, limits, active, steps, _, _ = work
     outcome = minimise(hessian, factor, gradient, stages.matrix, limits, active, most, steps)
     if outcome >= 0 and len(stages.soft_rows) and not are_slack(k, stages, work):
         return UNSOLVED
@@ -431,6 +432,7 @@ class CondensedHorizon(Shared):
             active=np.zeros(2 * size),
             steps=np.zeros(size),
             kept=np.zeros(len(stages.step_weight) + size),
+            preview=np.zeros((self.horizon, r)),
         )
 
     def problem(self, k: int, work: Work) -> QP:

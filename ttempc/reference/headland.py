@@ -18,6 +18,7 @@ def headland(
     passes: int = 4,
     radius_m: float = 7.0,
     blend_m: float = 2.0,
+    laps: int = 0,
 ) -> Path:
     """Return parallel passes in alternating directions, each to the left of the one before.
 
@@ -36,9 +37,11 @@ def headland(
         passes: number of passes.
         radius_m: smallest radius of the turns [m].
         blend_m: length over which the curvature goes from 0 to 1 / `radius_m` [m].
+        laps: of two passes, how often both are driven, with a turn back; 0: once, without it.
 
     Raises:
-        InvalidPath: a length is not finite or not above 0, or `passes` is below 1.
+        InvalidPath: a length is not finite or not above 0, `passes` is below 1, or there are laps
+            of other than two passes.
 
     Examples:
         >>> path = headland(length_m=30.0, width_m=4.0, passes=2)
@@ -51,13 +54,16 @@ def headland(
             raise InvalidPath(f"headland: {name} = {value}, must be finite and above 0")
     if passes < 1:
         raise InvalidPath(f"headland: passes = {passes}, must be at least 1")
+    if laps and passes != 2:
+        raise InvalidPath(f"headland: laps = {laps} of {passes} passes, must be of 2")
     turn = _turn_to_next(width_m, radius_m, blend_m)
     ends = (turn if index % 2 == 0 else _mirrored(turn) for index in range(passes - 1))
     segments = (
         Segment(length_m, 0.0, 0.0),
         *chain.from_iterable((*end, Segment(length_m, 0.0, 0.0)) for end in ends),
     )
-    return Path(segments, start=(-0.5 * length_m, -0.5 * (passes - 1) * width_m, 0.0))
+    start = -0.5 * length_m, -0.5 * (passes - 1) * width_m, 0.0
+    return Path((*segments, *turn) if laps else segments, start, laps)
 
 
 def _turn_to_next(width: float, radius: float, blend: float) -> tuple[Segment, ...]:

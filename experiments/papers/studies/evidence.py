@@ -28,6 +28,7 @@ from ttempc.types import FloatArray, Sensor
 from ....testbed.errors import TestbedError
 from ....testbed.ground.soil import SoilMap
 from ....testbed.ground.terrain import flat
+from ....testbed.implement.implement import Implement
 from ....testbed.recording.channels import ESTIMATE, MEASUREMENT, REFERENCE, STATE
 from ....testbed.recording.record import Record
 from ....testbed.truth import WHEELS
@@ -111,11 +112,7 @@ def beside(name: str, figures: Sequence[float]) -> list[Evidence]:
 # The machine, as it ships or with one constant wrong.
 
 WRONG: Final = (0.7, 1.3)
-_OWN: Final = {
-    "implement.width_m": 2.0,
-    "implement.side_stiffness_n_per_deg_m2": 1500.0,
-    "soil.cone_index_kpa": 900.0,
-}
+_TOOL: Final = {"width_m": 2.0, "side_stiffness_n_per_deg_m2": 1500.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,20 +148,35 @@ class Machine:
 
     def changes(self, *, tool: bool = True, cone_index: float | None = None) -> tuple[str, ...]:
         """Return the settings of the machine on the field of `farm`, as of `--set`."""
-        own = {
-            key: value * (self.factor if key == self.constant else 1.0)
-            for key, value in _OWN.items()
-        }
-        wanted = ("width_m", "side_stiffness_n_per_deg_m2")
-        inside = ",".join(f"{key}={own[f'implement.{key}']}" for key in wanted)
-        share = own["soil.cone_index_kpa"] / _OWN["soil.cone_index_kpa"]
+        inside = ",".join(f"{key}={getattr(self.implement, key)}" for key in _TOOL)
         return (
             f"plant.vehicle.file={json.dumps(self.file)}",
-            f"soil.cone_index_kpa={share * (cone_index or _OWN['soil.cone_index_kpa'])}",
+            f"soil.cone_index_kpa={self.strength * (cone_index or 900.0)}",
             *(f"plant.wheel_law.{key}={value}" for key, value in self.law.items()),
             *([f'implement={{type="field-cultivator",depth_m=0.10,{inside}}}'] if tool else []),
             'sensors.preset="field"',
         )
+
+    @property
+    def of_tyres(self) -> list[str]:
+        """Coefficients for `scaled`: those that differ by kind of tyre."""
+        place, _, name = self.constant.partition(".")
+        return [name] if place == "law" and not self.law else []
+
+    def share(self, constant: str) -> float:
+        """Return the factor of a constant: 1, unless it is the one that is wrong."""
+        return self.factor if constant == self.constant else 1.0
+
+    @property
+    def strength(self) -> float:
+        """Cone index of any soil over that which it should have."""
+        return self.share("soil.cone_index_kpa")
+
+    @property
+    def implement(self) -> Implement:
+        """Tool of the machine."""
+        own = {key: value * self.share(f"implement.{key}") for key, value in _TOOL.items()}
+        return Implement(type="field-cultivator", depth_m=0.10, **own)
 
     def bench(self) -> Bench:
         """Return the machine on firm, level ground."""
@@ -462,9 +474,7 @@ def measure(task: tuple[str, Machine]) -> list[Evidence]:
     """Return the figures of an experiment beside the published ones; NaN where it is refused."""
     name, machine = task
     try:
-        place, _, constant = machine.constant.partition(".")
-        changed = [constant] if place == "law" and not machine.law else []
-        with scaled(changed, machine.factor):
+        with scaled(machine.of_tyres, machine.factor):
             return beside(name, EXPERIMENTS[name](machine))
     except (ExperimentError, TestbedError, TtempcError):
         if not machine.constant:
@@ -477,11 +487,20 @@ def _own(runner: Runner) -> list[Evidence]:
     return [item for items in found for item in items]
 
 
+def constants() -> list[str]:
+    """Return the names of the main constants."""
+    return [f"{part}.{name}" for part, of in _content()["constants"].items() for name in of]
+
+
+def wrong_machines() -> list[Machine]:
+    """Return the machine with each main constant too small and too large."""
+    return [Machine(name, factor) for name in constants() for factor in WRONG]
+
+
 def _mutations(runner: Runner) -> str:
     """Return the counted rows that each wrong constant turns out; it takes long."""
     own = {item.name: item for item in _own(runner) if item.inside and item.kind == "two-sided"}
-    names = [f"{part}.{name}" for part, of in _content()["constants"].items() for name in of]
-    wrong = [Machine(name, factor) for name in names for factor in WRONG]
+    wrong = wrong_machines()
     used = [
         name
         for name in EXPERIMENTS

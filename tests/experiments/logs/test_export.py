@@ -1,10 +1,8 @@
-"""Exports of logs, read by the tools that they are for: Rerun, ROS 2, layouts of viewers."""
+"""Exports of logs, read by the tools that they are for: ROS 2, layouts of viewers."""
 
 import importlib
 import json
 import re
-import subprocess
-import sys
 from collections import defaultdict
 from math import atan2
 from pathlib import Path
@@ -16,12 +14,11 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from proving_ground.experiments import logs
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.logs.export import PANELS, PATH_COLOURS
 from proving_ground.experiments.run.simulate import run
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.geodesy import ORIGIN_DEG, east_north
 from proving_ground.testbed.log.reader import read_content, read_log
-from proving_ground.testbed.log.scene import lines_of, motion_of
+from proving_ground.testbed.log.scene import lines_of
 from proving_ground.testbed.messages.publisher import topics_of
 from proving_ground.testbed.recording.channels import CHANNELS, ERROR, PREDICTED_PATH_TOPIC
 
@@ -29,52 +26,13 @@ LAYOUTS = Path(logs.__file__).parent
 FIELDS = {(each.topic, name) for each in (*CHANNELS, ERROR) for name in each.fields}
 
 
-def rerun(home, *arguments):
-    """Run the program, with a home of its own for its settings; return what it prints."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rerun", *map(str, arguments)],
-        env={"HOME": str(home), "PATH": "/usr/bin:/bin"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout + done.stderr
-
-
-def test_rerun_reads_every_body_path_series_and_event(short_runs, tmp_path):
-    pytest.importorskip("rerun")
-    file = tmp_path / "run.rrd"
-    line = ["log", "export", str(short_runs / "nominal"), "--format", "rerun", "-o", str(file)]
-    assert main(line) == 0
-    assert list(tmp_path.iterdir()) == [file]
-    assert "verified without error" in rerun(tmp_path, "rrd", "verify", file)
-    printed = rerun(tmp_path, "rrd", "print", "-v", file)
-    content = read_content(short_runs / "nominal")
-    expected = {f"/world/vehicle/{name}" for name in motion_of(content).body_names}
-    expected |= {f"/plots/{name}/{field}" for name, panel in PANELS.items() for field in panel[2]}
-    expected |= {f"/world{topic}" for topic in PATH_COLOURS}
-    expected |= {"/world/ground/mesh0", "/world/vehicle/tractor/boxes", "/events"}
-    assert expected <= set(re.findall(r"(/[\w/]+)", printed))
-    assert printed.count("ViewBlueprint:class_identifier") >= 8  # field, events, six plots
-    assert main(line) == 2  # exists
-
-
 def test_what_cannot_be_exported_is_refused_in_one_line(short_runs, tmp_path, monkeypatch, capsys):
     log = str(short_runs / "nominal" / "log.mcap")
-    for form, out, words in (
-        ("rerun", "run.txt", ".rrd"),
-        ("rerun", "no/run.rrd", "cannot be written"),
-    ):
-        assert main(["log", "export", log, "--format", form, "-o", str(tmp_path / out)]) == 2
-        error = capsys.readouterr().err
-        assert words in error
-        assert error.count("\n") == 1
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    for form, extra in (("rerun", "rerun"), ("parquet", "export")):
-        assert main(["log", "export", log, "--format", form, "-o", str(tmp_path / "new")]) == 2
-        assert f"ttempc-proving-ground[{extra}]" in capsys.readouterr().err
+    assert main(["log", "export", log, "--format", "parquet", "-o", str(tmp_path / "new")]) == 2
+    error = capsys.readouterr().err
+    assert "ttempc-proving-ground[export]" in error
+    assert error.count("\n") == 1
     assert not any(tmp_path.iterdir())
 
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from proving_ground.experiments.papers.studies import evidence
+from proving_ground.experiments.papers.studies import closed_forms, evidence
 from proving_ground.experiments.papers.studies.evidence import Evidence, Machine, page
 from proving_ground.testbed.vehicle.vehicle import read_vehicle
 from proving_ground.testbed.wheels.soil_law import SoilLaw
@@ -71,3 +71,15 @@ def test_slow_yaw_response_is_ackermann():
     bench = Machine().bench()
     tractor, _ = evidence.yaw_response(bench, 0.5, 0.2, periods=1)
     assert abs(tractor) == pytest.approx(0.5 / bench.nominal.wheelbase, rel=0.03)
+
+
+def test_closed_forms_hold_and_a_wrong_mass_or_lag_leaves_them():
+    forms = {name: np.array(row) for name, row in closed_forms.closed_forms().items()}
+    for name, constant in (
+        ("standing", "tractor.mass_kg"),
+        ("steering_step", "front_steering.lag_s"),
+    ):
+        drive = closed_forms.MANOEUVRES[name]
+        assert drive(Machine()) == pytest.approx(forms[name], rel=0.05)
+        wrong = np.array(drive(Machine(f"vehicle.{constant}", 1.3)))
+        assert (abs(wrong / forms[name] - 1.0) > 0.05).sum() >= 2

@@ -208,11 +208,11 @@ def test_a_report_follows_from_the_rows_alone_whatever_their_order(folder, text,
     [
         (("seeds = 3",), None, "Tails", "Differences to"),  # one controller, no axis
         (("seeds = 2", DRAWN), None, "over wheelbase [m]", "Points"),
-        (("seeds = 2", AXES), 1, "71 missing", "Two axes"),  # in progress
+        (("seeds = 2", AXES), 1, "71 missing", "over gust"),  # in progress
         (
             ("seeds = 2", AXES.replace('"paper", "ttempc", ', "")),
             None,
-            "Two axes",
+            "One axis",
             "Differences to",
         ),
         (

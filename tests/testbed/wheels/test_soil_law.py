@@ -197,7 +197,6 @@ def test_an_impossible_law_is_refused_in_one_line():
         "plant.wheels='rail'",
         "plant.wheel_law.tyre='solid'",
         "plant.wheel_law.relaxation=0.3",
-        "plant={wheels='contact', wheel_law={second_pass=true}}",
     ):
         with pytest.raises(InvalidScenario, match="plant") as refusal:
             load("grass", [line])

@@ -1,0 +1,80 @@
+"""Effects of machine, soil and tyres on the error on `farm`, on and off in pairs."""
+
+import math
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from ...results.statistics import mean
+from ..study import Study
+from ..tables import markdown
+
+BASE: Final = (
+    'implement={type="field-cultivator",width_m=2.0,depth_m=0.10}',
+    "actuators.front.flow_right=1.0",
+    "actuators.trailer.flow_right=1.0",
+)
+_AXES: Final = ("front", "trailer")
+_SOIL: Final = "soil.random={coefficient_of_variation=0.3,correlation_m=5.0}"
+EFFECTS: Final[dict[str, tuple[str, ...]]] = {
+    "none": (),
+    "single-rod cylinders, `flow_right` 0.69": tuple(
+        f"actuators.{axis}.flow_right=0.69" for axis in _AXES
+    ),
+    "cold oil, both flows 0.6": tuple(
+        f"actuators.{axis}.flow_{side}=0.6" for axis in _AXES for side in ("left", "right")
+    ),
+    "play of both steerings, 1 deg": tuple(f"actuators.{axis}.backlash_deg=1.0" for axis in _AXES),
+    "`soil.random`, cv 0.3": (_SOIL,),
+    "`soil.random` and draft that follows it": (_SOIL, "implement.strength_exponent=0.5"),
+    "no side force of the tool": ("implement.side_stiffness_n_per_deg_m2=0.0",),
+    "no relaxation length": ("plant.wheel_law.relaxation_lat_m=0.001",),
+    "`soil.ruts`": ("soil.ruts=true",),
+}
+"""Overrides of each effect beside `BASE`."""
+
+_CONTROLLERS: Final = ("ttempc", "ttempc-nominal", "nmpc-rti", "lqr", "pid")
+_P95: Final = "tracking.all.tool.cross_p95_m"
+_EQUAL: Final = 0.05  # [cm]
+
+
+def _table(frame: pd.DataFrame) -> str:
+    """Return the change of the tool's p95 by each effect [cm], and the order of controllers.
+
+    Means of pairs with the half width of their 95 % interval. A controller that lost a run has the
+    number of lost runs instead, and is last. Controllers within `_EQUAL` of each other are equal.
+    """
+    cm = (100.0 * frame[_P95]).where(frame["status"] == "completed")
+    errors = frame.assign(cm=cm).pivot(index="seed", columns=["effect", "driver"], values="cm")
+    lines = []
+    for effect in EFFECTS:
+        own, cells = errors[effect], []
+        for driver in _CONTROLLERS:
+            change = (own[driver] - errors["none"][driver]).to_numpy()
+            lost, found = int(own[driver].isna().sum()), mean(change[~np.isnan(change)])
+            half = found.value - (found.low or found.value)
+            number = f"{found.value:+.2f} ± {half:.2f}"
+            number = f"{own[driver].mean():.2f}" if effect == "none" else number
+            cells.append(f"{lost} of {len(own)} lost" if lost else number)
+        means = own.mean().where(own.notna().all(), math.inf)[[*_CONTROLLERS]].sort_values()
+        order, least = "", -math.inf
+        for name, value in means.items():
+            order += (" = " if value - least < _EQUAL or value == least else " < ") * bool(order)
+            least = least if order.endswith("= ") else value
+            order += f"`{name}`"
+        lines.append([effect, *cells, order])
+    return markdown(["effect", *(f"`{name}`" for name in _CONTROLLERS), "order"], lines)
+
+
+STUDIES: Final = (
+    Study(
+        name="effects",
+        table=_table,
+        scenarios=("farm",),
+        axes={"effect": EFFECTS, "driver": {c: (f'controller.name="{c}"',) for c in _CONTROLLERS}},
+        overrides=("path.laps=1", *BASE),
+        seeds=tuple(range(9701, 9713)),
+        checks=(("farm", "ttempc", *BASE),),
+    ),
+)
