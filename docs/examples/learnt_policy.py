@@ -22,13 +22,13 @@ from proving_ground.experiments.gym_env import ENVIRONMENT_ID
 from proving_ground.experiments.gym_env.policy import (
     ESTIMATE_NAMES,
     EstimateObserver,
-    ResidualController,
+    add_residual,
 )
 from proving_ground.experiments.seeds import TUNING
 
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.reference import Reference
-from ttempc.types import Estimate, FloatArray
+from ttempc.types import Controller, Estimate, FloatArray
 from ttempc.vehicle import Vehicle
 
 TRAINED: Final = Path(__file__).with_suffix(".toml")
@@ -71,7 +71,7 @@ def matrix(gains: Gains) -> FloatArray:
 
 def learnt(
     vehicle: Vehicle, reference: Reference, period_s: float, policy: str = str(TRAINED)
-) -> ResidualController:
+) -> Controller:
     """Return the controller of a policy file; a factory for `module:factory` in a scenario."""
     content = tomllib.loads(Path(policy).read_text(encoding="utf-8"))
     gains, observer = matrix(content["gains"]), EstimateObserver(reference, period_s)
@@ -80,7 +80,7 @@ def learnt(
         return gains @ observer.observe(estimate, k, sent)
 
     inner = make_controller(content["controller"], vehicle, reference, period_s)
-    return ResidualController(inner, residual, content["share"], reference, period_s)
+    return add_residual(inner, residual, content["share"], reference, period_s)
 
 
 def gains_of(parameters: FloatArray) -> Gains:

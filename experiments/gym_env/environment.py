@@ -32,7 +32,7 @@ from ..run.assembly import assemble, check, model_vehicle
 from ..run.shared_parts import SharedParts
 from ..run.user_code import named_parts, refuse_untrusted
 from ..scenario.scenario import parse_overrides, read_scenario
-from .policy import ESTIMATE_NAMES, EstimateObserver, ResidualController, bounds, half_range
+from .policy import ESTIMATE_NAMES, EstimateObserver, add_residual, bounds, half_range
 
 ERROR_M: Final = 0.1
 """Distance of both points from their reference that costs 1; assumed."""
@@ -233,7 +233,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
             return _Actions(self)
         make = self._parts.controller_factory(self._scenario, self._vehicle)
         inner = make(vehicle, reference, period_s)
-        return ResidualController(inner, self._chosen, self._share, reference, period_s)
+        return add_residual(inner, self._chosen, self._share, reference, period_s)
 
     def _chosen(self, estimate: Estimate, k: int, sent: FloatArray) -> FloatArray:
         return self._action

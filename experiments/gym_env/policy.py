@@ -8,18 +8,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ttempc.laws.tracking_controller import TrackingController
+from ttempc.layout import TICK
 from ttempc.models.kinematics import Error, estimated_error
 from ttempc.reference.reference import Reference
 from ttempc.types import (
     Command,
     Controller,
     ControlStep,
+    Diagnostics,
     Estimate,
     FloatArray,
-    Resuming,
+    Input,
     SpaceBased,
     State,
-    WarmingUp,
 )
 from ttempc.vehicle import CommandLimits
 
@@ -101,56 +103,80 @@ def half_range(limits: CommandLimits) -> FloatArray:
     return 0.5 * (limits.upper - limits.lower)
 
 
-class ResidualController:
-    """Adds a share of the commands' range to the command of another controller.
+def add_residual(
+    inner: Controller, residual: Residual, share: float, reference: Reference, period_s: float
+) -> Controller:
+    """Return a controller that adds a share of the commands' range to those of another one.
 
-    An action of 0 leaves every bit of the other controller's commands.
+    An action of 0 leaves every bit of the other's commands.
 
-    `residual` chooses the action, one beyond [-1, 1] is cut; `share`: of half the range of a
-    command that an action of 1 adds.
+    Args:
+        inner: the other controller.
+        residual: chooses the action; entries beyond [-1, 1] are cut, one that is no number is 0.
+        share: of half the range of a command that an action of 1 adds.
+        reference: that of the controller.
+        period_s: of control.
     """
+    limits = CommandLimits.of(reference.vehicle, period_s)
+    scale = share * half_range(limits)
 
-    def __init__(
-        self,
-        inner: Controller,
-        residual: Residual,
-        share: float,
-        reference: Reference,
-        period_s: float,
-    ) -> None:
-        self.inner, self._residual = inner, residual
-        self._limits = CommandLimits.of(reference.vehicle, period_s)
-        self._scale = share * half_range(self._limits)
-        self._sent = self._limits.clamp(reference.at(0.0).inputs)
-        self.space_based = isinstance(inner, SpaceBased) and inner.space_based
+    def added(estimate: Estimate, k: int, sent: FloatArray) -> FloatArray:
+        action = np.minimum(np.maximum(residual(estimate, k, sent), -1.0), 1.0)
+        return scale * np.where(np.isnan(action), 0.0, action)
+
+    if isinstance(inner, TrackingController):
+        return _Within(inner, added)
+    return _Around(inner, added, limits, limits.clamp(reference.at(0.0).inputs))
+
+
+class _Within(TrackingController):
+    """Adds to the actions of a controller of the library, before the guidance limits them."""
+
+    def __init__(self, inner: TrackingController, added: Residual) -> None:
+        vars(self).update(vars(inner))
+        self._inner, self._added, self._last = inner, added, np.zeros(len(Input))
 
     def warm_up(self) -> None:
-        """Warm the other controller up, see `WarmingUp`."""
-        if isinstance(self.inner, WarmingUp):
-            self.inner.warm_up()
+        """Warm the other controller up; nothing is asked for an action."""
+        self._inner.warm_up()
 
     def resume(self, previous: object) -> None:
         """Continue after a controller for other model parameters, see `Resuming`."""
-        if isinstance(previous, ResidualController):
-            self._sent = previous._sent
-            if isinstance(self.inner, Resuming):
-                self.inner.resume(previous.inner)
+        super().resume(previous)
+        if isinstance(previous, _Within):
+            self._last = previous._last
+
+    def act(
+        self,
+        row: FloatArray,
+        view: Callable[[], Estimate],
+        k: int,
+        sent: FloatArray,
+        tick: FloatArray,
+    ) -> Diagnostics | None:
+        """Do as the other one on what was sent without the residual, and book that as robust."""
+        told = super().act(row, view, k, sent - self._last, tick)
+        self._last = self._added(view(), k, sent)
+        tick.view(TICK)[0]["control"][:, 2] += self._last
+        return told
+
+
+class _Around:
+    """Adds to the commands of a user's controller."""
+
+    def __init__(
+        self, inner: Controller, added: Residual, limits: CommandLimits, sent: FloatArray
+    ) -> None:
+        self._inner, self._added, self._limits, self._sent = inner, added, limits, sent
+        self.space_based = isinstance(inner, SpaceBased) and inner.space_based
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
-        """Return the command for the period that starts at tick `k`.
-
-        The residual is booked under the robust action.
-        """
-        step = self.inner.step(estimate, k)
+        """Return the command for the period that starts at tick `k`."""
+        step = self._inner.step(estimate, k)
         if isinstance(step, Command):
             step = ControlStep(step)
-        action = np.clip(self._residual(estimate, k, self._sent), -1.0, 1.0)
-        residual = self._scale * action
-        total = step.command.as_array() + residual
-        self._sent, changed = self._limits.apply(total, self._sent)
-        diagnostics = replace(
-            step.diagnostics,
-            robust=step.diagnostics.robust + residual,
-            limited=step.diagnostics.limited | changed,
-        )
-        return ControlStep(Command(*self._sent.tolist()), diagnostics)
+        residual = self._added(estimate, k, self._sent)
+        self._sent, changed = self._limits.apply(step.command.as_array() + residual, self._sent)
+        told = step.diagnostics
+        told = replace(told, robust=told.robust + residual, limited=told.limited | changed)
+        return ControlStep(Command(*self._sent.tolist()), told)

@@ -183,7 +183,7 @@ STAGES: Final[tuple[Stage, ...]] = (
     log_timing,
     terminate,
 )
-"""A disturbance or a fault is one more stage in this list, at the place where it acts."""
+"""Stages of a period, in order; faults act in sensors, actuators, ground and stages."""
 
 
 def with_stages(

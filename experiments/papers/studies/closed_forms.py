@@ -25,13 +25,14 @@ from ....testbed.validation.bench import DRIVEN, STOP, TRAILER, column, drive, s
 from ....testbed.vehicle.servos import tyres_of
 from ....testbed.wheels.tyre_kernel import wheel_step
 from ..runner import Runner
-from ..study import Study
+from ..study import Block, Study
 from ..tables import markdown
 from .evidence import Machine, constants, scaled, wrong_machines
 
 _AXLES: Final = (~(DRIVEN | TRAILER), DRIVEN, TRAILER)
 _UP: Final = {"across": 0.5 * math.pi, "ahead": 0.0}  # [rad] where a slope rises, vehicle eastward
 _EVERY_S: Final = 0.02
+_FILE: Final = "generated/closed-forms.md"  # beside the page
 
 
 def standing(machine: Machine) -> list[float]:
@@ -312,7 +313,7 @@ def measure(machine: Machine) -> list[float]:
     return figures
 
 
-def _table(runner: Runner) -> str:
+def _table(runner: Runner) -> Block:
     """Return figures beside their closed forms, and what each wrong constant turns out."""
     content, wrong = _content(), wrong_machines()
     law = np.array([value for values in closed_forms().values() for value in values])
@@ -349,20 +350,20 @@ def _table(runner: Runner) -> str:
         last = first + len(content[name]["rows"]) - 1
         notes.append(f"- {first} to {last}: {content[name]['of']}.")
         first = last + 1
-    return "\n\n".join(
-        [
-            f"{inside.sum()} of {len(rows)} figures are inside their bands. Of {len(counts)} main "
-            f"constants, {(counts.max(axis=1) >= 3).sum()} turn three or more out when 30 % wrong "
-            f"in one direction, {(counts.min(axis=1) >= 3).sum()} in either; {len(refused)} such "
-            "machines are refused.",
-            markdown(["", "figure", "closed form", "band", "ours", "verdict"], lines),
-            "\n".join(notes),
-            markdown(
-                ["constant", "30 % too small turns out", "30 % too large"],
-                [[f"`{pair[0].constant}`", *map(cell, pair)] for pair in pairs],
-            ),
-        ]
+    figures = markdown(["", "figure", "closed form", "band", "ours", "verdict"], lines)
+    turned = markdown(
+        ["constant", "30 % too small turns out", "30 % too large"],
+        [[f"`{pair[0].constant}`", *map(cell, pair)] for pair in pairs],
     )
+    most_out, least_out = ((of(axis=1) >= 3).sum() for of in (counts.max, counts.min))
+    text = (
+        f"{inside.sum()} of {len(rows)} [figures]({_FILE}) are inside their bands. Of "
+        f"{len(counts)} main constants, {most_out} turn three or more out when 30 % wrong "
+        f"in one direction, {least_out} in either; {len(refused)} such machines are refused."
+    )
+    title = "# Appendix: manoeuvres beside closed forms"
+    parts = (title, figures, "\n".join(notes), "## What could fail", f"{turned}\n")
+    return Block(text, {_FILE: "\n\n".join(parts).encode()})
 
 
 STUDIES: Final = (

@@ -52,11 +52,13 @@ def _table(frame: pd.DataFrame) -> str:
         own, cells = errors[effect], []
         for driver in _CONTROLLERS:
             change = (own[driver] - errors["none"][driver]).to_numpy()
-            lost, found = int(own[driver].isna().sum()), mean(change[~np.isnan(change)])
-            half = found.value - (found.low or found.value)
-            number = f"{found.value:+.2f} ± {half:.2f}"
-            number = f"{own[driver].mean():.2f}" if effect == "none" else number
-            cells.append(f"{lost} of {len(own)} lost" if lost else number)
+            if np.isnan(change).any():
+                cells.append(f"{np.isnan(change).sum()} of {len(own)} lost")
+            elif effect == "none":
+                cells.append(f"{own[driver].mean():.2f}")
+            else:
+                found = mean(change)
+                cells.append(f"{found.value:+.2f} ± {found.value - (found.low or 0.0):.2f}")
         means = own.mean().where(own.notna().all(), math.inf)[[*_CONTROLLERS]].sort_values()
         order, least = "", -math.inf
         for name, value in means.items():

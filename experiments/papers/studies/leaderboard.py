@@ -57,7 +57,12 @@ SHIPPED: Final = (
 )
 """Shipped controllers with changes as of `--set`."""
 
-OTHERS: Final = (("learnt_policy:learnt",), ("casadi_mpc:CasadiMpc",), ("do_mpc_controller:DoMpc",))
+OTHERS: Final = (
+    ("learnt_policy:learnt",),
+    ("casadi_mpc:CasadiMpc",),
+    ("geometric:Stanley",),
+    ("geometric:PurePursuit",),
+)
 """Controllers of docs/examples, written against the public interface."""
 
 
@@ -66,6 +71,9 @@ SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc", "nmpc-rti", "lqr", "pid")
 
 _SEPARATED: Final = 3.0  # |t| of a paired difference of costs
 _FIT_SEEDS: Final = (*TUNING[:10],)
+
+FAULTS: Final = "faults"
+"""Trial without a weight in the score: what comes home of its runs is a column of its own."""
 
 HEADLINE: Final = ("ttempc", "pid", "lqr", "nmpc-rti")
 _ABOUT: Final = {
@@ -186,12 +194,13 @@ def variance_shares(
 
 
 def fit_weights(cards: Sequence[ScoreCard]) -> dict[str, float]:
-    """Return the weights, 1 at most, that even out the largest shares of the trials."""
+    """Return the weights, 1 at most, that even out the largest shares; 0 stays 0."""
     names = [*cards[0].trials]
-    weight = np.ones(len(names))
+    scored = np.array([weights().get(name) != 0.0 for name in names])
+    weight = scored.astype(float)
     for _ in range(500):
         largest = variance_shares(cards, dict(zip(names, weight, strict=True))).max(axis=0)
-        weight *= (largest.mean() / largest) ** 0.1
+        weight[scored] *= (largest[scored].mean() / largest[scored]) ** 0.1
     return {name: round(float(x), 2) for name, x in zip(names, weight / weight.max(), strict=True)}
 
 
@@ -239,6 +248,7 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
     for card, held in zip(ordered, holds, strict=True):
         item = card.score
         outside = [t.outside for t in item.trials.values() if t.outside is not None]
+        faults = item.trials.get(FAULTS)
         step = item.step_p99_us
         lines.append(
             (
@@ -246,6 +256,7 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
                 item.cost_m.text(),
                 f"{100.0 * held:.0f}",
                 f"{item.not_completed} of {item.runs}",
+                f"{card.draws.count - faults.not_completed}" if faults else "–",
                 f"{100.0 * max(outside):.1f}" if outside else "–",
                 "–" if step is None else f"{1e-3 * step:.2f}",
             )
@@ -260,6 +271,7 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         "cost [cm]",
         "has this rank [%]",
         "not completed",
+        "faults survived",
         "outside rows [%]",
         "step p99 [ms]",
     )

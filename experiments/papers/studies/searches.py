@@ -16,7 +16,6 @@ from ...trials.score_card import MARGIN
 from ..runner import Runner
 from ..study import Study
 from ..tables import markdown
-from .leaderboard import SERIOUS
 
 
 @dataclass(frozen=True)
@@ -30,11 +29,18 @@ class Hunt:
     rays: int = RAYS
 
 
-HEADLAND: Final = "path={kind='headland', length_m=10.0, passes=2, width_m=14.0}"
-HUNTED: Final[dict[str, tuple[tuple[str, ...], float | None]]] = {
-    "Gust on the trailer": (("gust",), None),
-    "Soft patch on a slope": (("soil_patch", "slope", "terrain.uphill_deg=0:360:free"), None),
-    "Late commands": (("commands_late",), 0.3),
+HEADLAND: Final = "path={kind='headland', length_m=8.0, passes=2, width_m=12.0}"
+_RIVALS: Final = ("ttempc", "ttempc-nominal", "nmpc-rti", "lqr", "pid")
+# What is asked, the limit, and of which controllers; a patch is asked of two, which show whether it
+# measures more than the plant.
+HUNTED: Final[dict[str, tuple[tuple[str, ...], float | None, tuple[str, ...]]]] = {
+    "Gust on the trailer": (("gust",), None, _RIVALS),
+    "Soft patch on a slope": (
+        ("soil_patch", "slope", "terrain.uphill_deg=0:360:free"),
+        None,
+        ("ttempc", "pid"),
+    ),
+    "Late commands": (("commands_late",), 0.3, _RIVALS),
 }
 _SEVERITIES: Final = (0.25, 0.5, 0.75, 1.0)
 
@@ -49,15 +55,15 @@ def hunt(task: Hunt, path: str = HEADLAND) -> Report:
 
 
 def rays(runner: Runner) -> str:
-    """Return the severities of failure of the serious controllers by question."""
+    """Return the severities of failure by question."""
     (seed,) = report_seeds(1)
-    tasks = [Hunt(name, *what, seed) for what in HUNTED.values() for name in SERIOUS]
+    tasks = [Hunt(name, *what, seed) for *what, names in HUNTED.values() for name in names]
     reports = iter(runner.map(hunt, tasks))
     parts = []
-    for title, (words, limit) in HUNTED.items():
+    for title, (words, limit, names) in HUNTED.items():
         option = f" --limit {limit:g}" if limit else ""
         parts.append(f"**{title}**: `{' '.join(words)}{option}`")
-        parts += ray_tables([next(reports) for _ in SERIOUS])
+        parts += ray_tables([next(reports) for _ in names])
     return "\n\n".join(parts)
 
 
@@ -103,6 +109,6 @@ STUDIES: Final = (
         name="worst-cases",
         seeds=report_seeds(1),
         make=rays,
-        checks=tuple(("grass", name) for name in SERIOUS),
+        checks=tuple(("grass", name) for name in _RIVALS),
     ),
 )

@@ -38,6 +38,10 @@ SHORT = "even-grass"
 OWN_SPEED = "controller.options={corridor_at_rest_m=[0.03, 0.05], corridor_per_speed_s=[0.2, 0.03]}"
 
 
+def scored():
+    return [name for name in definition.trial_files() if weights().get(name, 1.0)]
+
+
 def card_of(errors, name="one", **changes):
     """Return a card of made-up runs: errors (trials, seeds), NaN of a run that was lost."""
     trials = {
@@ -47,7 +51,7 @@ def card_of(errors, name="one", **changes):
             else TrialRun(status="completed", trailer_p95_m=float(error))
             for error in own
         )
-        for trial, own in zip(definition.trial_files(), errors, strict=False)
+        for trial, own in zip(scored(), errors, strict=False)
     }
     seeds = PUBLIC[: len(errors[0])]
     content = {
@@ -130,7 +134,7 @@ def test_the_cost_of_a_run_is_the_error_of_the_working_point_with_losses():
 
 def test_the_overall_cost_is_a_weighted_geometric_mean_and_scales_with_the_errors():
     errors = np.array([[0.02, 0.04, 0.03], [0.08, 0.04, 0.06]])
-    share = np.array([*weights().values()])[:2]
+    share = np.array([weights()[name] for name in scored()[:2]])
     share /= share.sum()
     expected = np.exp(share @ np.log(errors.mean(axis=1)))
     assert card_of(errors).score.cost_m.value == pytest.approx(expected, abs=1e-6)
@@ -152,6 +156,15 @@ def test_no_trial_decides_alone_once_the_weights_are_fitted():
     assert board.variance_shares(cards, fitted).max() < 0.4
     assert next(iter(fitted.values())) == pytest.approx(0.1, abs=0.05)
     np.testing.assert_allclose(board.variance_shares(cards, fitted).sum(axis=1), 1.0)
+
+
+def test_a_trial_without_weight_counts_what_comes_home_and_costs_nothing():
+    kept, lost = ({board.FAULTS: (TrialRun(status=s),)} for s in ("completed", "lost"))
+    others = card_of([[0.02], [0.03]]).trials
+    one, other = (score({**others, **more}) for more in (kept, lost))
+    assert one.cost_m.value == other.cost_m.value
+    assert (one.not_completed, other.not_completed) == (0, 1)
+    assert weights()[board.FAULTS] == 0.0
 
 
 def test_ranks_of_level_entries_are_chance_and_of_others_are_not():

@@ -27,7 +27,7 @@ def motion(centre, axle, velocity, rotation):
     )
 
 
-def step(tyres, ground, cone_index, wheels, deflection, dt, in_track=False, law=LAW):
+def step(tyres, ground, cone_index, wheels, deflection, dt, law=LAW):
     """Hand n wheels to the compiled law as bodies of a MuJoCo-like state.
 
     Returns:
@@ -39,9 +39,7 @@ def step(tyres, ground, cone_index, wheels, deflection, dt, in_track=False, law=
     com, cvel = np.tile([0.3, -0.2, 0.5], (n + 2, 1)), np.zeros((n + 2, 6))
     cvel[2:, :3] = wheels.rotation
     cvel[2:, 3:] = wheels.velocity - np.cross(wheels.rotation, wheels.centre - com[2:])
-    # in a track, every point was driven over 9 m ago
-    tracks = [9.0, *np.ones(ground.heights.size)] if in_track else []
-    state = np.concatenate([np.ravel(deflection), tracks])
+    state = np.ravel(deflection).copy()
     output, xfrc = np.zeros((n, len(Output))), np.zeros((n + 2, 6))
     grid = np.array([*ground.origin, ground.spacing_m, dt])
     soil = (ground.heights, np.full(ground.heights.shape, cone_index), grid, NO_RUTS)
@@ -291,23 +289,6 @@ def test_force_builds_up_over_its_relaxation_length(tyres, name, length, damping
 
     expected = 1.0 - (1.0 - damping * speed / length) * math.exp(-travel / length)
     assert force(1000, dt) / force(300, 100 * dt) == pytest.approx(expected, abs=0.001)
-
-
-def test_in_a_track_traction_is_larger_and_motion_resistance_smaller(tyres):
-    """NIAE: +7 % and -11 %; at a slip of 0.1 on 300 kPa."""
-    single, slip = one(tyres), np.array([0.1])
-    spin = 1.0 / (0.9 * single.radius[0])
-    wheel = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], [1, 0, 0], [0, spin, 0])
-    for in_track, more, less in ((False, 1.0, 1.0), (True, 1.07, 0.89)):
-        state = np.zeros((1, 3))
-        for _ in range(200):
-            state, forces = step(single, FLAT, 300.0, wheel, state, 0.02, in_track)
-        bn, _ = tyre.mobility(LAW, single, forces.load, np.array([300.0]))
-        traction = more * LAW.traction_ratio(bn, slip) * forces.load
-        resistance = less * LAW.soil_resistance_ratio(bn, slip) * forces.load
-        torque = -forces.moment[:, 1] / single.radius
-        np.testing.assert_allclose(torque, traction + less * 0.04 * forces.load, rtol=1e-6)
-        np.testing.assert_allclose(forces.force_long, traction - resistance, rtol=1e-6)
 
 
 def test_no_load_in_the_air_and_never_a_pull(tyres):

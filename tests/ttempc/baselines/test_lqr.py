@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
@@ -11,8 +14,9 @@ from ttempc.guidance.controllers import make_controller
 from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.lmpc import CondensedHorizon
-from ttempc.reference.path import figure_eight
+from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.reference.speed import Backward
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
@@ -26,7 +30,12 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
     stages = 80
     a, b, c = error_dynamics(REFERENCE, PERIOD_S, stages)
     gain = step_gains(a, b, c, *WEIGHTS)[0]
-    tuning = MpcOptions(horizon=stages, moves=stages, step_weight=OPTIONS.step_weight)
+    tuning = MpcOptions(
+        horizon=stages,
+        moves=stages,
+        step_weight=OPTIONS.step_weight,
+        output_weight=OPTIONS.output_weight,
+    )
     horizon = CondensedHorizon(a, b, tuning, PERIOD_S, c)
     generator = np.random.default_rng(5)
     for _ in range(5):
@@ -41,6 +50,32 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
 def test_both_points_stay_on_the_path():
     run = drive(make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S), REFERENCE)
     assert run.largest_m < 0.02
+
+
+def test_steps_weigh_twice_where_the_swing_is_a_step_of_the_valve_and_more_in_reverse():
+    rate = math.radians(4.0) / PERIOD_S
+    slow = replace(VEHICLE, steering_rate_t=rate, steering_rate_i=rate)
+    front, trailer, hp = OPTIONS.step_weight
+    for vehicle, factor in ((slow, 2.0), (replace(slow, reverse=True), 6.0)):
+        path, speed = straight(20.0), ConstantSpeed(1.0)
+        if vehicle.reverse:
+            path, speed = path.reversed(), Backward(speed, path.length_m)
+        reference = Reference(path, vehicle, speed)
+        state = reference.at(0.0).state + np.array([0.0, 0.1, 0.02, 0.01, 0.0, 0.0, 0.0])
+        first, second = (
+            make_controller("lqr", vehicle, reference, PERIOD_S, options=options)
+            .step(seen_truth(state, 0.0, vehicle), 0)
+            .diagnostics.total
+            for options in (
+                {"swing_deg": 4.0, "reverse_factor": 3.0},
+                {
+                    "swing_deg": 0.0,
+                    "reverse_factor": 1.0,
+                    "step_weight": (factor * front, factor * trailer, hp),
+                },
+            )
+        )
+        np.testing.assert_allclose(first, second, rtol=1e-9)
 
 
 def test_saturation_does_not_wind_up():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,13 @@ from proving_ground.experiments.scenario.scenario import load
 
 from tests.reference.models.kinematics import advance
 from tests.ttempc.closed_loop import PERIOD_S, seen_truth
-from ttempc.baselines.pid import front_steering_gains, pole, speed_gains, trailer_steering_gains
+from ttempc.baselines.pid import (
+    PidOptions,
+    front_steering_gains,
+    poles,
+    speed_gains,
+    trailer_steering_gains,
+)
 from ttempc.guidance.controllers import make_controller
 from ttempc.models.kinematics import NO_DISTURBANCE
 from ttempc.reference.path import straight
@@ -40,13 +47,22 @@ def test_front_steering_has_three_equal_poles(moving):
     vehicle, v = moving
     gains = front_steering_gains(np.array([v]), vehicle, PERIOD_S)
     by_steering = v**2 / vehicle.wheelbase  # e'' = v^2 / L delta
-    poles = roots(
+    found = roots(
         1.0,
         by_steering * gains.derivative,
         by_steering * gains.proportional,
         by_steering * gains.integral,
     )
-    np.testing.assert_allclose(poles, -pole(vehicle.steering_lag_t, PERIOD_S), rtol=1e-3)
+    np.testing.assert_allclose(found, -poles(vehicle, PERIOD_S)[0], rtol=1e-3)
+
+
+def test_loops_are_slower_by_what_the_valves_take_for_the_swing(moving):
+    vehicle, _ = moving
+    options = PidOptions(lag_ratio=5.0, trailer_lag_ratio=4.0, swing_deg=2.0)
+    still = 1.0 / np.array(poles(vehicle, PERIOD_S, replace(options, swing_deg=0.0)))
+    swung = 1.0 / np.array(poles(vehicle, PERIOD_S, options))
+    expected = np.radians(2.0) / vehicle.input_rate[:2] * [5.0, 4.0]
+    np.testing.assert_allclose(swung - still, expected, rtol=1e-9)
 
 
 def test_trailer_steering_has_two_equal_poles_and_the_sign_of_its_axle(moving):
@@ -54,9 +70,9 @@ def test_trailer_steering_has_two_equal_poles_and_the_sign_of_its_axle(moving):
     gains = trailer_steering_gains(np.array([v]), vehicle, PERIOD_S)
     d = vehicle.drawbar_length
     lag = (d + vehicle.trailer_length) / v
-    poles = roots(lag, 1.0 - d * gains.proportional, -d * gains.integral)
-    np.testing.assert_allclose(poles, poles.mean(), rtol=1e-3)
-    assert np.all(poles.real < 0.0)
+    found = roots(lag, 1.0 - d * gains.proportional, -d * gains.integral)
+    np.testing.assert_allclose(found, found.mean(), rtol=1e-3)
+    assert np.all(found.real < 0.0)
     assert gains.proportional <= 0.0  # a positive angle moves the trailer to the right
 
 
@@ -67,8 +83,8 @@ def test_speed_has_three_equal_poles(moving):
         vehicle.speed_gain,
         vehicle.speed_time_constant,
     )
-    poles = roots(tau, 1.0 + k * gains.derivative, k * gains.proportional, k * gains.integral)
-    np.testing.assert_allclose(poles, -1.0 / tau, rtol=1e-3)
+    found = roots(tau, 1.0 + k * gains.derivative, k * gains.proportional, k * gains.integral)
+    np.testing.assert_allclose(found, -1.0 / tau, rtol=1e-3)
 
 
 def test_integral_waits_while_an_input_is_at_its_limit():

@@ -63,8 +63,17 @@ CHANGES = {
         "nominal": "tube",
     },
     MpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02)},
-    LqrOptions: {"output_weight": (1.0, 0.3, 1.0, 1.0), "step_weight": (5.0, 1.0, 1.0)},
-    PidOptions: {"lag_ratio": 8.0, "least_speed_mps": 1.5},
+    LqrOptions: {
+        "output_weight": (1.0, 0.3, 1.0, 1.0),
+        "step_weight": (5.0, 1.0, 1.0),
+        "swing_deg": 9.0,
+    },
+    PidOptions: {
+        "lag_ratio": 8.0,
+        "trailer_lag_ratio": 8.0,
+        "swing_deg": 9.0,
+        "least_speed_mps": 1.5,
+    },
     NmpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02), "iterations": 1},
 }
 NAMES = {entry.options: name for name, entry in reversed(CONTROLLERS.items()) if entry.options}
