@@ -1,33 +1,23 @@
-"""Nonlinear MPC on the articulated model: `nmpc` and its variants.
+"""Nonlinear MPC on the articulated model: `nmpc` and `nmpc-rti`.
 
 Horizon, bounds and information are those of the linear MPC, the weights are tuned as its are.
-Centralised, decentralised and distributed after Kayacan, Peschel and Kayacan (2016), "Centralized,
-decentralized and distributed nonlinear model predictive control of a tractor-trailer system: a
-comparative study", American Control Conference, pp. 4403-4408.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import check_choice, check_count
 from ..laws.articulated_mpc import MpcOptions
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..mpc.articulated_error import PredictedPath, error_state, map_gains, remaining_bounds
-from ..mpc.lmpc import QP, HorizonTuning, Solver, StageBounds, move_bounds
+from ..mpc.lmpc import QP, HorizonTuning, Solver, move_bounds
 from ..mpc.qp import PersistentSolver
 from ..reference.reference import GUIDED, Guided, Reference, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State
 from ..vehicle import Vehicle
 from .nmpc_model import (
-    TRACTOR,
-    TRAILER,
-    WHOLE,
     ArticulatedModel,
-    Subsystem,
     Task,
     condense,
 )
@@ -35,6 +25,7 @@ from .nmpc_model import (
 # A plan is converged where the last iteration changed no input of it by more than this, in rad or
 # hydrostat position. Changes shrink tenfold or more near the solution: the rest is below a tenth.
 _TOLERANCE = 1e-4
+_M = len(Input)
 ITERATIONS = 20  # at most; 2 to 3 are usual
 _HALVINGS = 6
 _SUFFICIENT = 0.25  # least actual descent over the QP's, below which a change is halved (Armijo)
@@ -53,8 +44,7 @@ class Plan:
 class GaussNewton:
     """Minimiser of the linear MPC's cost within its bounds, under the nonlinear model.
 
-    The unknowns are the steps of u_e = u_r - u of one subsystem, as in
-    `ttempc.mpc.lmpc.CondensedHorizon`:
+    The unknowns are the steps of u_e = u_r - u, as in `ttempc.mpc.lmpc.CondensedHorizon`:
 
         min sum_j y_j' Q y_j + sum Delta u' R Delta u,    y_j = y_j(z_k, u_{k-1}, Delta U),
 
@@ -71,7 +61,6 @@ class GaussNewton:
     def __init__(
         self,
         model: ArticulatedModel,  # or one of its shape
-        subsystem: Subsystem,
         tuning: HorizonTuning,
         iterations: int,
         damping: float = 0.0,  # tau of y + tau y' for the cross-track errors y, in periods
@@ -82,10 +71,10 @@ class GaussNewton:
         self._iterations = iterations
         self._last: tuple[Task, FloatArray] | None = None
         self._damping = damping
-        own, moves = list(subsystem.inputs), tuning.moves
-        self._weight = np.array([tuning.output_weight[i] for i in subsystem.outputs])  # (p,)
-        self._step_weight = np.tile([tuning.step_weight[i] for i in own], moves)  # (m Nc,)
-        sums = np.kron(np.tril(np.ones((moves, moves))), np.eye(len(own)))
+        moves = tuning.moves
+        self._weight = np.array(tuning.output_weight)  # (p,)
+        self._step_weight = np.tile(tuning.step_weight, moves)  # (m Nc,)
+        sums = np.kron(np.tril(np.ones((moves, moves))), np.eye(_M))
         self._sums: FloatArray = sums.astype(np.float64)
         shape = tuning.horizon, len(self._weight)
         self._errors, self._jacobian = np.empty(shape), np.empty((*shape, len(sums)))
@@ -151,7 +140,6 @@ class GaussNewton:
         return cost, QP(hessian, gradient, self._sums, limits)
 
 
-_M = len(Input)
 _BODY_FIXED, _MAP_FIXED = slice(7, 12), slice(12, 16)  # disturbances in `error_state`
 
 
@@ -173,7 +161,7 @@ class NmpcRtiOptions(MpcOptions):
 
 @dataclass(frozen=True)
 class NmpcOptions(NmpcRtiOptions):
-    """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`."""
+    """Options of `nmpc`."""
 
     iterations: int = ITERATIONS  # Gauss-Newton iterations a period, at most
 
@@ -183,26 +171,14 @@ class NmpcOptions(NmpcRtiOptions):
 
 
 class NonlinearFeedback(FeedbackLaw):
-    """Receding horizons of one NMPC or of several that share the vehicle.
+    """Receding horizon of an NMPC, which starts from its plan of the previous tick, shifted.
 
-    Each NMPC starts from its own plan of the previous tick, shifted. The inputs of the others enter
-    as they plan them (`exchange`: the plans of the previous tick, shifted), or held as they were
-    last sent.
-
-    Where a QP has no accepted solution, the previous input is held; where an NMPC does not
+    Where a QP has no accepted solution, the previous input is held; where the NMPC does not
     converge, its last plan is applied. `Diagnostics.fallback` reports both.
     """
 
-    def __init__(
-        self,
-        course: ExactCourse,
-        tuning: MpcOptions,
-        subsystems: Sequence[Subsystem],
-        *,
-        exchange: bool,
-        iterations: int,
-    ) -> None:
-        self._course, self._tuning, self._exchange = course, tuning, exchange
+    def __init__(self, course: ExactCourse, tuning: MpcOptions, iterations: int) -> None:
+        self._course, self._tuning = course, tuning
         grid, vehicle, period_s = course.grid, course.vehicle, course.period_s
         self._poses = np.hstack(
             [grid.state[:, :3], grid.trailer_xy, grid.state[:, State.PSI_I, None]]
@@ -211,17 +187,9 @@ class NonlinearFeedback(FeedbackLaw):
         middle = course.reference.at((np.arange(ticks) + 0.5) * period_s)
         self._map_gains = map_gains(middle, vehicle)  # (N, 5, 4)
         remaining = remaining_bounds(course.feedforward, course.limits)
-        bounds = move_bounds(tuning, period_s, ticks, remaining)
-        self._parts = [
-            _Part(
-                np.array(subsystem.inputs),
-                np.array(subsystem.outputs),
-                GaussNewton(model, subsystem, tuning, iterations, tuning.damping_s / period_s),
-                bounds.at(slice(None), _columns(subsystem, tuning.moves)),
-            )
-            for subsystem in subsystems
-            for model in [ArticulatedModel(vehicle, subsystem, period_s)]
-        ]
+        self._bounds = move_bounds(tuning, period_s, ticks, remaining)
+        model, damping = ArticulatedModel(vehicle, period_s), tuning.damping_s / period_s
+        self._solver = GaussNewton(model, tuning, iterations, damping)
         self._path = PredictedPath(grid)
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
 
@@ -231,79 +199,31 @@ class NonlinearFeedback(FeedbackLaw):
             self._steps = previous._steps
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        horizon, moves, course = self._tuning.horizon, self._tuning.moves, self._course
-        feedforward = course.feedforward[k : k + horizon]
-        ends = slice(k + 1, k + 1 + horizon)
+        horizon, course, bounds = self._tuning.horizon, self._course, self._bounds.at(k)
         previous = course.feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
-        guess = np.vstack([self._steps[1:], np.zeros(_M)])
-        if self._exchange:
-            planned = previous + np.cumsum(guess, axis=0)  # (Nc, 3)
-            inputs_e = planned[np.minimum(np.arange(horizon), moves - 1)]
-        else:
-            inputs_e = feedforward - sent  # u = u_r - u_e stays as it is
         error = error_state(course.grid.state[k], estimate, course.vehicle)
         map_fixed = self._map_gains[k : k + horizon] @ error[_MAP_FIXED]
-        disturbance = error[_BODY_FIXED] + map_fixed  # (Np, 5)
-        feedback, steps = previous.copy(), np.zeros_like(guess)
-        errors = np.zeros((horizon, 4))
-        plans = []
-        for part in self._parts:
-            own, bounds = part.inputs, part.bounds.at(k)
-            task = Task(
-                state=estimate.state,
-                disturbance=disturbance,
-                poses=self._poses[ends],
-                feedforward=feedforward,
-                inputs_e=inputs_e,
-                previous=bounds.clamp_previous(previous[own]),
-                bounds=bounds,
-            )
-            plan = part.solver.minimise(task, guess[:, own].reshape(-1))
-            plans.append(plan)
-            errors[:, part.outputs] = plan.errors
-            if plan.steps is not None:
-                steps[:, own] = plan.steps.reshape(moves, -1)
-            feedback[own] = bounds.clamp(task.previous + steps[0, own])
-        self._steps = steps
+        task = Task(
+            state=estimate.state,
+            disturbance=error[_BODY_FIXED] + map_fixed,
+            poses=self._poses[k + 1 : k + 1 + horizon],
+            feedforward=course.feedforward[k : k + horizon],
+            previous=bounds.clamp_previous(previous),
+            bounds=bounds,
+        )
+        guess = np.vstack([self._steps[1:], np.zeros(_M)])
+        plan = self._solver.minimise(task, guess.reshape(-1))
+        self._steps = np.zeros_like(guess) if plan.steps is None else plan.steps.reshape(-1, _M)
         return Diagnostics(
-            feedback=-feedback,
+            feedback=-bounds.clamp(task.previous + self._steps[0]),
             robust=np.zeros(_M),
-            predicted_path=self._path.less(k, errors),
-            solver=_joined([plan.report for plan in plans]),
-            fallback="; ".join(plan.fallback for plan in plans if plan.fallback),
+            predicted_path=self._path.less(k, plan.errors),
+            solver=plan.report,
+            fallback=plan.fallback,
         )
 
     def prepare(self, k: int) -> None:
-        for part in self._parts:
-            part.solver.prepare()
-
-
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """One NMPC of those that share the vehicle."""
-
-    inputs: NDArray[np.intp]  # of `Subsystem`
-    outputs: NDArray[np.intp]
-    solver: GaussNewton
-    bounds: StageBounds  # of its own inputs at every tick, (ticks, m Nc)
-
-
-def _columns(subsystem: Subsystem, moves: int) -> NDArray[np.intp]:
-    """Return the columns of the subsystem's own inputs in the steps of all inputs, (m Nc,)."""
-    return (_M * np.arange(moves)[:, None] + np.array(subsystem.inputs)).reshape(-1)
-
-
-def _joined(reports: Sequence[SolverReport]) -> SolverReport:
-    if len(reports) == 1:
-        return reports[0]
-    worst = next((report for report in reports if not report.accepted), reports[0])
-    return replace(
-        worst,
-        iterations=sum(report.iterations for report in reports),
-        solve_time_s=sum(report.solve_time_s for report in reports),
-        primal_residual=max(report.primal_residual for report in reports),
-        dual_residual=max(report.dual_residual for report in reports),
-    )
+        self._solver.prepare()
 
 
 def nmpc_controller(
@@ -311,13 +231,8 @@ def nmpc_controller(
     reference: Reference,
     period_s: float,
     options: NmpcRtiOptions = NmpcOptions(),
-    subsystems: Sequence[Subsystem] = (WHOLE,),
-    *,
-    exchange: bool = False,
 ) -> TrackingController:
-    """Compose the exact feedforward and the NMPCs of `subsystems`.
-
-    `NmpcRtiOptions` ask for one iteration a period.
+    """Compose the exact feedforward and the NMPC; `NmpcRtiOptions` ask for one iteration a period.
 
     Raises:
         MissingPackage: the package of the QP solver is not installed.
@@ -327,9 +242,4 @@ def nmpc_controller(
     tuning = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
 
     course = ExactCourse(reference, period_s, tuning.horizon)
-    law = NonlinearFeedback(course, tuning, subsystems, exchange=exchange, iterations=iterations)
-    return course.controller(law)
-
-
-nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))
-nmpc_distributed_controller = partial(nmpc_decentralised_controller, exchange=True)
+    return course.controller(NonlinearFeedback(course, tuning, iterations))

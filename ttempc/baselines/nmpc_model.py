@@ -1,11 +1,9 @@
 """Articulated model along a horizon with its derivatives, compiled."""
 
 import math
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..jit import cached_njit
 from ..models.augmented_state import VehicleParameter, vehicle_parameters
@@ -13,13 +11,7 @@ from ..mpc.lmpc import StageBounds
 from ..types import Disturbance, FloatArray, Input, State
 from ..vehicle import Vehicle
 
-
-@dataclass(frozen=True, slots=True)
-class Subsystem:
-    """Inputs and outputs of one NMPC."""
-
-    inputs: tuple[int, ...]  # of `Input`: those that it decides; the others are given
-    outputs: tuple[int, ...]  # of the model's outputs: those that it minimises
+_M: Final = len(Input)
 
 
 class Task(NamedTuple):
@@ -29,49 +21,35 @@ class Task(NamedTuple):
     disturbance: FloatArray  # (Np, 5) predicted as by the linear MPC
     poses: FloatArray  # (Np, 6 or 7) targets at the ends of the periods, for the model
     feedforward: FloatArray  # (Np, 3) u_r
-    inputs_e: FloatArray  # (Np, 3) u_e; only the subsystem's own columns are decided
-    previous: FloatArray  # (m,) own u_e(k-1)
-    bounds: StageBounds  # (m Nc,) each, own
+    previous: FloatArray  # (3,) u_e(k-1)
+    bounds: StageBounds  # (3 Nc,) each
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
-def planned_inputs(
-    task: Task, steps: FloatArray, own: NDArray[np.intp], inputs: FloatArray
-) -> None:
-    """Write u = u_r - u_e of all periods into `inputs` (Np, 3).
-
-    The columns `own` (m,) of u_e follow from the `steps` (m Nc,), the others are `inputs_e`.
-    """
-    m = own.size
-    inputs[:, :] = task.feedforward - task.inputs_e
-    for i in range(m):
+def planned_inputs(task: Task, steps: FloatArray, inputs: FloatArray) -> None:
+    """Write u = u_r - u_e of all periods into `inputs` (Np, 3), for the `steps` (3 Nc,) of u_e."""
+    for i in range(_M):
         u_e = task.previous[i]
         for j in range(len(inputs)):
-            if j * m < steps.size:
-                u_e += steps[j * m + i]
-            inputs[j, own[i]] = task.feedforward[j, own[i]] - u_e
+            if j * _M < steps.size:
+                u_e += steps[j * _M + i]
+            inputs[j, i] = task.feedforward[j, i] - u_e
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
 def propagate(
-    by_state: FloatArray,
-    by_input: FloatArray,
-    own: NDArray[np.intp],
-    period: int,
-    before: FloatArray,
-    after: FloatArray,
+    by_state: FloatArray, by_input: FloatArray, period: int, before: FloatArray, after: FloatArray
 ) -> None:
-    """Write d state / d steps at the end of a `period` into `after` (n, m Nc).
+    """Write d state / d steps at the end of a `period` into `after` (n, 3 Nc).
 
     `before` is the same at its start, `by_state` (n, n) and `by_input` (n, 3) are the derivatives
     of the period; d u / d step i = -1 from period i on.
     """
-    m = own.size
-    filled = min((period + 1) * m, after.shape[1])
+    filled = min((period + 1) * _M, after.shape[1])
     linear_map(by_state, before, filled, after)
     for row in range(len(after)):
         for i in range(filled):
-            after[row, i] -= by_input[row, own[i % m]]
+            after[row, i] -= by_input[row, i % _M]
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -124,14 +102,10 @@ def condense(
     return cost
 
 
-WHOLE = Subsystem(inputs=tuple(Input), outputs=(0, 1, 2, 3))
-TRACTOR = Subsystem(inputs=(Input.DELTA_T, Input.HP), outputs=(0, 1))
-TRAILER = Subsystem(inputs=(Input.DELTA_I,), outputs=(2, 3))
-
 # Longest classical Runge-Kutta step over the shortest lag: over a horizon of four seconds both axle
 # points then stay within a millimetre of much finer steps, which a test checks.
 _STEP_PER_LAG: Final = 0.75
-_N, _M = 7, 3
+_N: Final = 7
 # Columns of the derivatives of a period: psi_t to v at its start, then its inputs. Nothing depends
 # on x and y but themselves.
 _FIRST: Final = 2  # State.PSI_T
@@ -146,31 +120,21 @@ class ArticulatedModel:
     are the reference's x, y, psi of the tractor, then of the trailer.
     """
 
-    def __init__(self, vehicle: Vehicle, subsystem: Subsystem, period_s: float) -> None:
+    def __init__(self, vehicle: Vehicle, period_s: float) -> None:
         self._parameters, self._period_s = vehicle_parameters(vehicle), period_s
         shortest_lag = min(vehicle.steering_lag_t, vehicle.steering_lag_i)
         self._count = math.ceil(period_s / (_STEP_PER_LAG * shortest_lag))
-        self._own, self._outputs = np.array(subsystem.inputs), np.array(subsystem.outputs)
 
     def evaluate(
         self, task: Task, steps: FloatArray, errors: FloatArray, jacobian: FloatArray
     ) -> None:
-        """Run the model under `steps` (m Nc,).
+        """Run the model under `steps` (3 Nc,).
 
-        Writes the outputs at the ends of the periods into `errors` (Np, p) and their derivatives
-        by the steps into `jacobian` (Np, p, m Nc).
+        Writes the outputs at the ends of the periods into `errors` (Np, 4) and their derivatives
+        by the steps into `jacobian` (Np, 4, 3 Nc).
         """
-        articulated_horizon(
-            self._parameters,
-            self._period_s,
-            self._count,
-            task,
-            steps,
-            self._own,
-            self._outputs,
-            errors,
-            jacobian,
-        )
+        model = self._parameters, self._period_s, self._count
+        articulated_horizon(*model, task, steps, errors, jacobian)
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -180,33 +144,26 @@ def articulated_horizon(
     count: int,
     task: Task,
     steps: FloatArray,
-    own: NDArray[np.intp],
-    outputs: NDArray[np.intp],
     errors: FloatArray,
     jacobian: FloatArray,
 ) -> None:
     """Write the outputs along the horizon and their derivatives, see `ArticulatedModel`.
 
-    `count` Runge-Kutta steps a period; `own` and `outputs` are those of `Subsystem`.
+    `count` Runge-Kutta steps a period.
     """
     now, by_given = task.state.copy(), np.empty((_N, _COLUMNS))
     by_state, by_input = np.zeros((_N, _N)), np.empty((_N, _M))
     by_state[State.X, State.X] = by_state[State.Y, State.Y] = 1.0
     before, after = np.zeros((_N, steps.size)), np.zeros((_N, steps.size))
-    all_errors, by_end = np.empty(4), np.zeros((4, _N))
-    by_end_own = np.empty((outputs.size, _N))
-    inputs = np.empty_like(task.feedforward)
-    planned_inputs(task, steps, own, inputs)
+    by_end, inputs = np.zeros((4, _N)), np.empty_like(task.feedforward)
+    planned_inputs(task, steps, inputs)
     for j in range(len(inputs)):
         advance_period(now, inputs[j], task.disturbance[j], parameters, period_s, count, by_given)
         by_state[:, _FIRST:] = by_given[:, :_GIVEN]
         by_input[:, :] = by_given[:, _GIVEN:]
-        propagate(by_state, by_input, own, j, before, after)
-        position_errors(now, task.poses[j], parameters, all_errors, by_end)
-        for i in range(outputs.size):
-            errors[j, i] = all_errors[outputs[i]]
-            by_end_own[i, :] = by_end[outputs[i]]
-        linear_map(by_end_own, after, steps.size, jacobian[j])
+        propagate(by_state, by_input, j, before, after)
+        position_errors(now, task.poses[j], parameters, errors[j], by_end)
+        linear_map(by_end, after, steps.size, jacobian[j])
         before, after = after, before
 
 

@@ -92,14 +92,6 @@ CONTROLLERS: Final = MappingProxyType(
             "the same with one Gauss-Newton iteration a period",
             "baselines.nmpc nmpc_controller NmpcRtiOptions",
         ),
-        "nmpc-decentralised": ControllerEntry(
-            "tractor and trailer each with an NMPC, the other's inputs held",
-            "baselines.nmpc nmpc_decentralised_controller NmpcOptions",
-        ),
-        "nmpc-distributed": ControllerEntry(
-            "the same, plans exchanged once a period",
-            "baselines.nmpc nmpc_distributed_controller NmpcOptions",
-        ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback",
             "laws.tracking_controller feedforward_controller",

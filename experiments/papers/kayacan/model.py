@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.baselines.nmpc_model import Subsystem, Task, linear_map, planned_inputs, propagate
+from ttempc.baselines.nmpc_model import Task, linear_map, planned_inputs, propagate
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
@@ -27,7 +27,6 @@ from ttempc.vehicle import Vehicle
 STATES: Final = 7  # x_t, y_t, psi_t, x_i, y_i, psi_i, v: v is the speed of the rims
 FACTORS: Final = 3  # mu, kappa, eta
 WINDOW_INPUTS: Final = 5  # delta_t, delta_i, hp, beta, length of the period [s]
-PRINTED = Subsystem((0, 1, 2), (0, 1, 2, 3, 4))
 _UNKNOWNS: Final = STATES + FACTORS
 _COLUMNS: Final = _UNKNOWNS + 3  # of derivatives: by states, factors, inputs
 
@@ -117,9 +116,9 @@ def printed_horizon(
     by_state, by_input = np.empty((STATES, STATES)), np.empty((STATES, 3))
     disturbance, poses = task.disturbance, task.poses
     before, after = np.zeros((STATES, steps.size)), np.zeros((STATES, steps.size))
-    by_end, own, steering = np.zeros((5, STATES)), np.arange(3), np.empty(4)
+    by_end, steering = np.zeros((5, STATES)), np.empty(4)
     inputs = np.empty_like(task.feedforward)
-    planned_inputs(task, steps, own, inputs)
+    planned_inputs(task, steps, inputs)
     for j in range(len(inputs)):
         beta = disturbance[j, FACTORS]
         steering[0], steering[1] = inputs[j, 0], inputs[j, 1] - beta  # delta_i = lambda - beta
@@ -127,7 +126,7 @@ def printed_horizon(
         advance_printed(now, steering, disturbance[j, :FACTORS], parameters, period_s, by_given)
         by_state[:, :] = by_given[:, :STATES]
         by_input[:, :] = by_given[:, _UNKNOWNS:]
-        propagate(by_state, by_input, own, j, before, after)
+        propagate(by_state, by_input, j, before, after)
         for body in range(2):
             x, y = 3 * body, 3 * body + 1
             dx, dy = poses[j, x] - now[x], poses[j, y] - now[y]

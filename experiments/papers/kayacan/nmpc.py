@@ -26,7 +26,7 @@ from ttempc.reference.reference import Reference
 from ttempc.types import Diagnostics, Estimate, FloatArray, Input
 from ttempc.vehicle import CommandLimits, Vehicle
 
-from .model import PRINTED, PrintedModel
+from .model import PrintedModel
 
 _M = len(Input)
 _RUN_ON_M = 20.0  # of reference beyond the end of the path, for a vehicle that arrives early
@@ -107,7 +107,7 @@ class PrintedFeedback(FeedbackLaw):
         self._targets = SpaceBasedTargets(reference, period_s, options)
         model = PrintedModel(reference.vehicle, options.hitch_sign, period_s)
         own: Any = model  # it has the shape of an `ArticulatedModel`
-        self._solver = GaussNewton(own, PRINTED, options, options.iterations)
+        self._solver = GaussNewton(own, options, options.iterations)
         limits = CommandLimits.of(reference.vehicle, period_s)
         bound = np.array(options.input_bound)
         self._lower, self._upper = np.maximum(-bound, limits.lower), np.minimum(bound, limits.upper)
@@ -143,7 +143,6 @@ class PrintedFeedback(FeedbackLaw):
             disturbance=np.tile([*factors, beta, 0.0], (options.horizon, 1)),
             poses=targets,
             feedforward=np.zeros((options.horizon, _M)),
-            inputs_e=np.zeros((options.horizon, _M)),
             previous=held,
             bounds=bounds,
         )

@@ -37,9 +37,7 @@ def driven(name, *overrides, seed=1, **how):
     return simulate(*load(name, overrides), seed, **how)
 
 
-@pytest.mark.parametrize(
-    "name", ["pid", "lqr", "nmpc", "nmpc-rti", "nmpc-decentralised", "nmpc-distributed"]
-)
+@pytest.mark.parametrize("name", ["pid", "lqr", "nmpc", "nmpc-rti"])
 def test_baseline_drives_the_plant_straight_ahead(name):
     summary, _ = driven("pavement", f"controller.name={name}", straight(16.0), seed=31)
     assert summary.status == "completed"

@@ -16,13 +16,12 @@ from ttempc.guidance.controllers import make_controller
 from ttempc.mpc.qp import QP
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import State
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 EIGHT = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
 LINE = Reference(straight(60.0), VEHICLE, ConstantSpeed(1.0))
-NAMES = ("nmpc", "nmpc-rti", "nmpc-decentralised", "nmpc-distributed")
+NAMES = ("nmpc", "nmpc-rti")
 NOISE = np.array([0.01, 0.01, 0.006, 0.006, 0.002, 0.002, 0.02])
 DIRECTION = np.array([0.5, 1.0, 0.2, -0.1, 0.05, 0.05, 0.3])
 
@@ -37,7 +36,7 @@ def first_move(controller, reference, offset, k=0):
     return step.command.as_array()
 
 
-@pytest.mark.parametrize("name", ["nmpc", "nmpc-rti"])
+@pytest.mark.parametrize("name", NAMES)
 def test_first_move_tends_to_the_linear_one_for_small_errors(name):
     """The linear model neglects terms of second order in the error."""
 
@@ -103,19 +102,6 @@ def test_recovers_from_a_metre_and_twenty_degrees_within_fifteen_metres(name):
     turned = np.array([0.0, 1.0, math.radians(20.0), math.radians(20.0), 0.0, 0.0, 0.0])
     run = drive(controller, LINE, ticks=100, offset=turned)
     assert max(run.tractor_m[75:].max(), run.trailer_m[75:].max()) < 0.10
-
-
-@pytest.mark.parametrize("name", ["nmpc-decentralised", "nmpc-distributed"])
-def test_the_tractors_nmpc_does_not_depend_on_the_trailer(name):
-    behind = np.zeros(7)
-    behind[[State.PSI_I, State.DELTA_I]] = 0.05, -0.03
-    commands = [
-        first_move(make_controller(name, VEHICLE, EIGHT, PERIOD_S), EIGHT, offset)
-        for offset in (np.zeros(7), behind)
-    ]
-    assert commands[0][0] == commands[1][0]
-    assert commands[0][2] == commands[1][2]
-    assert commands[0][1] != commands[1][1]
 
 
 def test_reports_a_plan_that_has_not_converged():

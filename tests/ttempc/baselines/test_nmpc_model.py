@@ -11,9 +11,6 @@ from tests.reference.models.kinematics import advance
 from tests.ttempc.models.test_kinematics import OTHER, VEHICLE, random_cases
 from tests.ttempc.numeric import central_differences
 from ttempc.baselines.nmpc_model import (
-    TRACTOR,
-    TRAILER,
-    WHOLE,
     ArticulatedModel,
     Task,
     advance_period,
@@ -56,38 +53,29 @@ def gentle(generator):
     return state, inputs, disturbance, generator.normal(size=(HORIZON, 6))
 
 
-def task(subsystem, generator):
+def task(generator):
     """Return a task without bounds, and the steps under which it has the inputs of `gentle`."""
     state, inputs, disturbance, poses = gentle(generator)
     inputs[MOVES:] = inputs[MOVES - 1]
-    own = list(subsystem.inputs)
-    previous = generator.uniform(-0.05, 0.05, size=len(own))
-    own_e = 0.3 - inputs[:, own]  # u_e under a feedforward of 0.3
-    steps = np.diff(own_e[:MOVES], axis=0, prepend=previous[None]).reshape(-1)
-    feedforward, inputs_e = np.full_like(inputs, 0.3), 0.3 - inputs
-    inputs_e[:, own] = np.nan  # decided, not given
+    previous = generator.uniform(-0.05, 0.05, size=3)
+    inputs_e = 0.3 - inputs  # u_e under a feedforward of 0.3
+    steps = np.diff(inputs_e[:MOVES], axis=0, prepend=previous[None]).reshape(-1)
     disturbance = np.tile(disturbance, (HORIZON, 1))
-    return (
-        Task(state, disturbance, poses, feedforward, inputs_e, previous, NO_BOUNDS),
-        steps,
-        inputs,
-    )
+    return Task(state, disturbance, poses, np.full_like(inputs, 0.3), previous, NO_BOUNDS), steps
 
 
-def evaluated(subsystem, problem, steps):
-    """Return the outputs (Np, p) and their derivatives by the steps, (Np, p, m Nc)."""
-    errors = np.empty((HORIZON, len(subsystem.outputs)))
-    jacobian = np.empty((*errors.shape, len(steps)))
-    ArticulatedModel(VEHICLE, subsystem, PERIOD_S).evaluate(problem, steps, errors, jacobian)
+def evaluated(problem, steps):
+    """Return the outputs (Np, 4) and their derivatives by the steps, (Np, 4, 3 Nc)."""
+    errors, jacobian = np.empty((HORIZON, 4)), np.empty((HORIZON, 4, len(steps)))
+    ArticulatedModel(VEHICLE, PERIOD_S).evaluate(problem, steps, errors, jacobian)
     return errors, jacobian
 
 
-@pytest.mark.parametrize("subsystem", [WHOLE, TRACTOR, TRAILER])
-def test_derivatives_along_the_horizon(subsystem):
-    problem, steps, _ = task(subsystem, np.random.default_rng(8))
+def test_derivatives_along_the_horizon():
+    problem, steps = task(np.random.default_rng(8))
     steps *= 0.2  # no rate limit, whose kinks have no derivative
-    _, jacobian = evaluated(subsystem, problem, steps)
-    numeric = central_differences(lambda s: evaluated(subsystem, problem, s)[0].reshape(-1), steps)
+    _, jacobian = evaluated(problem, steps)
+    numeric = central_differences(lambda s: evaluated(problem, s)[0].reshape(-1), steps)
     np.testing.assert_allclose(jacobian.reshape(numeric.shape), numeric, atol=1e-7)
 
 
@@ -110,7 +98,7 @@ def test_the_condensed_qp_has_the_cost_of_the_linearised_outputs():
     np.testing.assert_array_equal(hessian, hessian.T)
 
 
-@pytest.mark.parametrize("name", ["nmpc", "nmpc-rti", "nmpc-decentralised", "nmpc-distributed"])
+@pytest.mark.parametrize("name", ["nmpc", "nmpc-rti"])
 def test_refused_in_one_line_where_daqp_is_not_installed(name, monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
     reference = Reference(straight(30.0), VEHICLE, ConstantSpeed(1.0))
