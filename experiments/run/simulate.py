@@ -24,6 +24,7 @@ from ...testbed.recording.channels import REFERENCE_PATH_TOPIC
 from ...testbed.recording.provenance import machine, versions
 from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
+from ...testbed.vehicle.vehicle import VEHICLES
 from ..output import make_folder, progress, refuse_existing, write_file
 from ..results.summary import RunFacts, Summary, summarise
 from ..scenario.controller import OptionValue
@@ -228,7 +229,7 @@ def open_log(
         metadata=metadata,
         attachments={
             "scenario.toml": dump(scenario),
-            "vehicle.toml": scenario.plant.vehicle.file_text(),
+            "vehicle.toml": VEHICLES.find(scenario.plant.vehicle.file).read_text(encoding="utf-8"),
             "model.xml": assembly.plant.mjcf,
             GROUND_FILE: assembly.plant.ground.to_npz(),
         },
@@ -282,8 +283,7 @@ def _summarise(
         seed=seed,
         status=outcome.status,
         failure=outcome.failure,
-        wall_s=outcome.wall_s,
         versions=code,
         log=log,
     )
-    return summarise(record, facts)
+    return summarise(record, facts, outcome.wall_s)
