@@ -27,7 +27,7 @@ class LqrOptions:
 
     The hydrostat's steps weigh more than in the MPC. With a weight of 0.02 the LQR, which has no
     bounds, runs into the rates of the valves from an offset of some decimetres and cycles there by
-    metres. The weights are the best of 39 sets on the benchmark's trials, on tuning seeds.
+    metres. The weights are the best of 33 sets on the benchmark's trials, on tuning seeds.
     """
 
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 2.5)  # [1/m^2]

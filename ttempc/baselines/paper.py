@@ -7,7 +7,6 @@ from typing import Literal, get_args, get_type_hints
 import numpy as np
 
 from ..errors import check_choice, check_flag, check_vector
-from ..laws.articulated_mpc import Reading
 from ..laws.tracking_controller import FeedbackLaw, TrackingController
 from ..models.kinematics import POSITIONS, Error, estimated_error
 from ..models.linear import zero_order_hold
@@ -16,6 +15,8 @@ from ..mpc.lmpc import CondensedHorizon, HorizonTuning, LinearMpc
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import CommandLimits, Vehicle
+
+Reading = Literal["one-step", "tube"]
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class PidOptions:
 
     # Time constants of the steering loops over what their design leaves out: the valve's lag, half
     # of a period, and what the valve's largest rate takes for `swing_deg`. With 6, a triple pole
-    # keeps a phase margin of 40 deg; these are the best of 27 sets on the benchmark's trials, on
+    # keeps a phase margin of 40 deg; these are the best of 34 sets on the benchmark's trials, on
     # tuning seeds
     lag_ratio: float = 4.4
     trailer_lag_ratio: float = 4.0

@@ -18,6 +18,7 @@ from ..errors import ControllerFailed, GuidanceFailed, InvalidTuning
 from ..jit import cached_njit, record
 from ..laws.tracking_controller import TrackingController, write_told
 from ..layout import ALARM, ESTIMATE, TICK, estimate_view, new_tick
+from ..mpc.articulated_error import held_lambda
 from ..reference.path import Projection
 from ..reference.reference import Reference
 from ..types import (
@@ -63,6 +64,7 @@ GUARD: Final = np.dtype(
         ("error", "f8", 7),  # z_e of the tick before, NaN: none
         ("lost", "f8"),  # reason of a stop for good
         ("entry", "f8"),  # by which the distances may exceed their limits, see `_room` [m]
+        ("turned", "f8"),  # likewise the yaw errors [rad]
         ("overridden", "f8"),  # whether the last command was not the controller's
         ("waiting", "f8"),  # whether the reference waits where it is ahead
         ("held", "f8"),  # row of the alarm whose stop is held, -1: none
@@ -139,6 +141,7 @@ LAG_M: Final = 1.0  # behind the reference, up to which a corridor slows the veh
 _ROUNDING: Final = 1e-9  # an excess over a limit below this is not reported
 _EXCESS: Final = 1e-6  # likewise of a reference
 _MARGIN_M: Final = 0.5  # beside what an entry needs; assumed
+_MARGIN_YAW: Final = math.radians(30.0)  # likewise, for a trailer that is turned first; assumed
 _DELAY_S: Final = 1.0  # until the steering turns a vehicle back; assumed
 _TURN: Final = math.tau
 _SLOW_DOWN, _STOP_ON_PATH, _STOP = (
@@ -153,14 +156,17 @@ _X_T, _Y_T, _PSI_T, _X_I, _Y_I, _PSI_I, _V = range(7)  # of the error
 def _room(error: FloatArray, course: Course, safety_m: float) -> float:
     """Return by how much a vehicle that turns back to its path may exceed `safety_m` [m].
 
-    It is what it is beside the path now, and what a turn takes by which a heading away from the
-    path comes back: the turn's depth and the way until the steering acts.
+    It is what it is beside the path now, or will be after the turn by which its leading body comes
+    back: the turn's depth, and the way until the steering acts. In reverse the trailer leads.
     """
-    turned, beside = error[_PSI_T], max(abs(error[_Y_T]), abs(error[_Y_I]))
-    if course.gear * error[_Y_T] * math.sin(turned) > 0.0:
-        beside += course.radius * (1.0 - math.cos(turned))
-        beside += _DELAY_S * course.speed * abs(math.sin(turned))
-    return max(0.0, beside + _MARGIN_M - safety_m)
+    body, margin, delay = 0, _MARGIN_M, _DELAY_S
+    if course.gear < 0.0:
+        body, margin, delay = 3, 3.0 * margin, 2.0 * delay
+    aside, turned = error[body + _Y_T], error[body + _PSI_T]
+    depth = course.radius * (1.0 - math.cos(turned))
+    depth += delay * course.speed * abs(math.sin(turned))
+    after = abs(aside + math.copysign(depth, course.gear * math.sin(turned)))
+    return max(0.0, max(abs(error[_Y_T]), abs(error[_Y_I]), after) + margin - safety_m)
 
 
 @cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rewrites=True)
@@ -233,13 +239,15 @@ def decide(
         g.error[i] = error[i]
     if g.lost == 0.0:
         g.entry = min(g.entry, _room(error, course, safety.cross_m))
+        turned = max(abs(error[_PSI_T]), abs(error[_PSI_I]))
+        g.turned = min(g.turned, max(0.0, turned + _MARGIN_YAW - safety.yaw))
     for body in range(2):
         at = 3 * body
         if g.lost == 0.0 and math.hypot(error[at], error[at + 1]) > safety.distance_m + g.entry:
             g.lost = LOST + at
         if g.lost == 0.0 and abs(error[at + 1]) > safety.cross_m + g.entry:
             g.lost = LOST + at + 1
-        if g.lost == 0.0 and abs(error[at + 2]) > safety.yaw:
+        if g.lost == 0.0 and abs(error[at + 2]) > safety.yaw + g.turned:
             g.lost = LOST + at + 2
     if e.position_seen != 0.0:
         g.seen_s = e.time_s
@@ -271,8 +279,8 @@ def decide(
     along = error[_X_T] * math.cos(error[_PSI_T]) + error[_Y_T] * math.sin(error[_PSI_T])
     ahead = along * course.gear >= 0.0  # whether the reference is
     t.mode = STOP
-    if g.lost != 0.0:
-        t.reason = g.lost
+    if g.lost != 0.0:  # in reverse a trailer would fold while the vehicle rolls out
+        t.mode, t.reason = ON_PATH if course.gear < 0.0 else STOP, g.lost
     elif reaction == _STOP:
         t.reason = ALARM_HELD
     elif unseen_s > safety.unseen_stop_s:
@@ -499,13 +507,12 @@ class Supervisor:
     - An alarm of a detector (`ttempc.guidance.detection`): reported, half speed, or a stop until
       its cause has ended, in which the controller steers where the alarm lets it. After a
       jump or a drift of the position that lasts, only `resume` ends it.
-    - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
-      hold there. A vehicle that starts beside its path may be as far off as its turn back takes
-      it; as it comes in, this room goes down to the limits and never up again.
+    - Metres away from the reference, or a large yaw error: stop for good. A vehicle that starts
+      beside its path may be as far off as its turn back takes it; as it comes in, this room goes
+      down to the limits. In reverse the controller steers meanwhile: a trailer folds otherwise.
     - A controller whose plan leaves the corridor or its hitch angle: half speed until it does not,
-      or until the vehicle lags a metre behind its time-based reference, which it reaches later.
-    - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
-      nearest tick of the reference.
+      or until the vehicle lags a metre behind.
+    - Errors are those to the reference of the tick, with `SpaceBased` those to its nearest tick.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
       limits.
 
@@ -538,7 +545,8 @@ class Supervisor:
         guard["sent"] = np.clip(self._course.inputs[0], limits[0], limits[1])
         guard["began"] = self._law is not None
         guard["finite_s"] = guard["seen_s"] = guard["error"] = math.nan
-        guard["held"], guard["alarm_s"], guard["entry"] = -1.0, -math.inf, math.inf
+        guard["held"], guard["alarm_s"] = -1.0, -math.inf
+        guard["entry"] = guard["turned"] = math.inf
         self._held = ""  # reason of the stop that is held
         self._told: Diagnostics | None = None  # by the controller at this tick
         self._asked: TrackingController | None = None  # at this tick
@@ -559,6 +567,11 @@ class Supervisor:
         inputs = grid.inputs
         beyond = (inputs > limits.upper + _EXCESS) | (inputs < limits.lower - _EXCESS)
         beyond |= np.abs(np.diff(inputs, axis=0, prepend=inputs[:1])) > limits.step + _EXCESS
+        vehicle, front = reference.vehicle, 0.5 * limits.upper.item(Input.DELTA_T)
+        radius = vehicle.wheelbase / math.tan(front)
+        if vehicle.reverse:  # of the trailer, with the lambda that half of the steering holds
+            behind = vehicle.drawbar_length + vehicle.trailer_length
+            radius = behind / math.sin(held_lambda(vehicle, front))
         self._commands = self._dead_times.commands if self._dead_times else np.zeros((0, 3))
         self._course = Course(
             state=grid.state,
@@ -569,7 +582,7 @@ class Supervisor:
             safety=np.array([getattr(self._safety, name) for name in SAFETY.fields or ()]),
             period_s=self._period_s,
             speed=float(np.abs(grid.state[:, State.V]).max()),
-            radius=reference.vehicle.wheelbase / math.tan(0.5 * limits.upper.item(Input.DELTA_T)),
+            radius=radius,
             gear=-1.0 if reference.vehicle.reverse else 1.0,
             hold_back=self._dead_times.hold_back if self._dead_times else np.zeros((3, 2)),
         )
@@ -698,7 +711,7 @@ class Supervisor:
 
     def _words(self, told: str) -> str:
         t, safety = self.tick.view(TICK)[0], self._safety
-        entry = self._guard.view(GUARD)[0]["entry"]
+        entry, turned = (float(self._guard.view(GUARD)[0][name]) for name in ("entry", "turned"))
         mode, reason, said = int(t["mode"]), int(t["reason"]), ""
         alarms = [self._reasons(i, row[1:]) for i, row in enumerate(self._alarms) if row[0] >= 0.0]
         limits = {
@@ -713,7 +726,7 @@ class Supervisor:
             said = ("tractor ", "trailer ")[body] + (
                 f"more than {safety.distance_m + entry:.3g} m from its reference",
                 f"more than {safety.cross_m + entry:.3g} m beside its reference",
-                f"turned by more than {math.degrees(safety.yaw):.0f} deg",
+                f"turned by more than {math.degrees(safety.yaw + turned):.0f} deg",
             )[how]
         elif reason == ALARM_HELD:
             said = "; ".join(alarms) if mode == DRIVE else self._held

@@ -22,19 +22,15 @@ _N, _M = len(State), len(Input)
 NOMINAL: Final = 0
 """The MPC alone."""
 ONE_STEP: Final = 1
-"""MPC, and the robust law in the one-step reading."""
-TUBE_READING: Final = 2
-"""MPC, and the robust law in the tube reading."""
-TUBE_MPC: Final = 3
+"""MPC, and the robust law."""
+TUBE_MPC: Final = 2
 """MPC on the nominal state of a tube, and an ancillary gain."""
 
-EXHAUSTED: Final = 1
-OUTSIDE: Final = 2
-HELD: Final = 3
-KEPT: Final = 4
+OUTSIDE: Final = 1
+HELD: Final = 2
+KEPT: Final = 3
 WORDS: Final = (
     "",
-    "robust action exhausted: nominal state starts anew",
     "outside its tube: nominal state restarted at the estimate",
     "QP {}: previous feedback held",
     "QP {}: last plan kept by the ancillary gain",
@@ -50,6 +46,7 @@ LAW: Final = np.dtype(
         ("disturbances", "f8"),  # 1 where the MPC uses the estimated ones, else 0
         ("limit", "f8", 3),  # k_s of the robust law
         ("forgetting", "f8"),  # of its autocorrelation, per period
+        ("reach", "f8", 2),  # in reverse, see `articulated_mpc` [m]; 0 forwards
     ]
 )
 """Constants of an articulated law; 0 what it lacks."""
@@ -79,6 +76,7 @@ class Law(NamedTuple):
 MEMORY: Final = np.dtype(
     [
         ("correlation", "f8", (3, 3)),  # see `robust_part`
+        ("shift", "f8", 2),  # of the error, by what it exceeds `LAW.reach`
         ("last", "f8"),  # tick of the last step, -2 before the first
         ("state", "f8", 16),  # of the error, on which the MPC acted
         ("feedback", "f8", 3),  # u_b
@@ -97,8 +95,6 @@ MEMORY: Final = np.dtype(
 """Memory of an articulated law from tick to tick."""
 
 _TINY: Final = 1e-30  # keeps the autocorrelation of a signal of zeros finite
-# Largest argument of tanh in the tube reading. Beyond it the law cannot bring the vehicle back.
-_EXHAUSTED: Final = 3.0
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -122,7 +118,7 @@ def robust_part(
     """Write nominal state, deviation, action and modelling error of tick `k`.
 
     `given` has the error (16,) and u_e(k-1) (3,), `MEMORY.previous`; it leaves with those on which
-    the MPC acts. In the one-step reading each action is multiplied by its lag-one autocorrelation
+    the MPC acts. Each action but an ancillary one is multiplied by its lag-one autocorrelation
     within [0, 1]: `MEMORY.correlation` holds the previous one and the averages of product and
     power, of which older ones weigh less by the factor `LAW.forgetting` with each tick.
     """
@@ -133,7 +129,7 @@ def robust_part(
     started = s.last == k - 1
     if started and kind == ONE_STEP:
         advance(k - 1, stages.model, s.state, s.previous, nominal)
-    largest, coming = 0.0, s.coming
+    coming = s.coming
     for i in range(_N):
         if not started:
             nominal[i] = given[i]
@@ -145,40 +141,34 @@ def robust_part(
         for j in range(_N):
             total += gains[i, j] * deviation[j]
         action[i] = total
-        largest = max(largest, abs(total))
-        if kind == TUBE_MPC or (kind == TUBE_READING and s.last >= 0.0):
+        if kind == TUBE_MPC:
             given[16 + i] = feedback[i]
     gauge = 0.0
     if law.faces.shape[0]:
         gauge = report_tube(k, law, nominal, deviation, t.tube)
     if kind == TUBE_MPC and gauge > 1.0:
         s.fallback = OUTSIDE
-    elif kind == TUBE_READING and largest > _EXHAUSTED:
-        s.fallback = EXHAUSTED
-    elif kind != ONE_STEP:  # the disturbances act on both states, with their present estimates
+    elif kind == TUBE_MPC:  # the disturbances act on both states, with their present estimates
         for i in range(_N):
             given[i] = nominal[i]
     for i in range(_M):
         now = action[i]
-        if s.fallback != 0.0:
-            action[i] = 0.0
-        elif kind == TUBE_MPC:
-            action[i] = -now
-        else:
-            if kind == ONE_STEP:
-                last = seen[0, i]
-                power = 0.5 * (now * now + last * last)
-                seen[0, i] = now
-                seen[1, i] = constants.forgetting * seen[1, i] + now * last
-                seen[2, i] = constants.forgetting * seen[2, i] + power
-                now *= min(max(seen[1, i] / max(seen[2, i], _TINY), 0.0), 1.0)
-            action[i] = constants.limit[i] * math.tanh(now)
+        if kind == TUBE_MPC:
+            action[i] = 0.0 if s.fallback != 0.0 else -now
+            continue
+        last = seen[0, i]
+        power = 0.5 * (now * now + last * last)
+        seen[0, i] = now
+        seen[1, i] = constants.forgetting * seen[1, i] + now * last
+        seen[2, i] = constants.forgetting * seen[2, i] + power
+        share = min(max(seen[1, i] / max(seen[2, i], _TINY), 0.0), 1.0)
+        action[i] = constants.limit[i] * math.tanh(now * share)
     if kind != TUBE_MPC:
         for p in range(4):
             total = 0.0
             for j in range(_N):
                 total += outputs[k, p, j] * deviation[j]
-            modelling[7 + p] = total if s.fallback == 0.0 else 0.0
+            modelling[7 + p] = total
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
@@ -242,6 +232,14 @@ def propose(
         robust_part(k, law, stages, memory, given, tick)
     for i in range(_M):
         previous[i] = given[16 + i]
+    reach, shift, across = constants.reach, s.shift, 0.0
+    if reach[0] > 0.0:
+        for i in range(stages.outputs.shape[2]):
+            across += stages.outputs[k, 3, i] * given[i]
+        shift[0] = given[0] - min(max(given[0], -reach[0]), reach[0])
+        shift[1] = across - min(max(across, -reach[1]), reach[1])
+        given[0] -= shift[0]
+        given[1] -= shift[1]
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -262,11 +260,9 @@ def conclude(
 
         u_e = ubar_j + K m,    m = zhat - zbar_j.
 
-    zbar_j starts at the estimate at which the plan was made. It follows the model under ubar_j and
-    the disturbances that the estimator gives at each tick. ubar_j are the planned inputs; after a
-    first input that the robust action has moved away from them, they approach the plan at the rate
-    that the tightening leaves. K m saturates at the share of the inputs that the tightening has
-    reserved for it. A plan can be kept at every tick up to the last stage of its horizon.
+    zbar_j follows the model from the estimate at which the plan was made, with the disturbances of
+    now. ubar_j are the planned inputs; after a first input that the robust action has moved away
+    they approach the plan at the rate that the tightening leaves, and K m saturates at its reserve.
 
     The `outcome` is that of `plan`; below 0 the record has the report of a solver.
     """
@@ -277,6 +273,10 @@ def conclude(
     given, steps, kept, limits = work.given, work.steps, work.kept, stages.limits
     if outcome >= 0:
         solver[0], solver[1], solver[2], solver[3] = 1.0, outcome, 0.0, 0.0
+    for i in range(2):  # back to the true error
+        given[i] += s.shift[i]
+        for j in range(work.free.shape[0]):
+            work.free[j, i] += s.shift[i]
     size, accepted, backed = steps.size, solver[0] == 1.0, law.reserve.shape[0] > 0
     made = int(s.made)
     stage = k - made

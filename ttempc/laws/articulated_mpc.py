@@ -10,7 +10,7 @@ from typing import ClassVar, Final, Literal, Self, get_args
 
 import numpy as np
 
-from ..errors import InvalidTuning, check_choice, check_flag, check_positive, check_vector
+from ..errors import check_choice, check_flag, check_positive, check_vector
 from ..models.linear import riccati_gains
 from ..mpc.articulated_error import (
     PredictedPath,
@@ -28,15 +28,13 @@ from ..tube.reference_tube import (
     ReferenceTube,
     TubeDesign,
     report_rows,
-    tightened,
 )
 from ..types import FloatArray, Input, State
 from ..vehicle import Vehicle
-from .articulated_law import NOMINAL, ONE_STEP, TUBE_MPC, TUBE_READING, ArticulatedLaw, law_of
+from .articulated_law import NOMINAL, ONE_STEP, TUBE_MPC, ArticulatedLaw, law_of
 from .tracking_controller import ExactCourse, TrackingController
 
-Reading = Literal["one-step", "tube"]
-Tightening = Literal["none", "saturation", "tube"]
+Tightening = Literal["none", "tube"]
 
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
 _ROUNDING: Final = 1e-9
@@ -47,10 +45,10 @@ class MpcOptions(HorizonTuning):
     """Horizon, weights and bounds of an MPC on the articulated error model.
 
     The outputs are x and y of tractor and trailer in the frames of their references. The horizon
-    is four seconds, with six free steps of 0.2 s each. The weights are the best of 39 sets on the
+    is four seconds, with six free steps of 0.2 s each. The weights are the best of 46 sets on the
     benchmark's trials (tuning seeds), as those of the rivals are: the trailer's cross-track error
     weighs more than the tractor's, since the working point is behind. Steps of half the weight
-    gain 1 % for twice as much more travel of the steering.
+    gain 0.3 % and double the added travel of the steering.
 
     Horizon and weights are those of a period of 0.2 s and the vehicle of the paper at 1 m/s;
     `for_vehicle` has those of others.
@@ -132,35 +130,25 @@ class NominalOptions(MpcOptions):
 class ArticulatedOptions(NominalOptions):
     """Options of `ttempc`: those of its MPC, then of its robust law, in the order of `Input`."""
 
-    # Reading of erratum 8, see `ttempc.baselines.paper.PaperFeedback`.
-    nominal: Reading = "one-step"
     # Largest action k_s [rad], [rad], fraction; the paper's.
     saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)
     # Cost of an action [1/rad^2], [1/rad^2], 1, beside errors of both points at 1 / m^2 each: 2 cm
     # weigh as much as 2 deg of steering or 4 % of the hydrostat. For the vehicle of the paper up to
     # 1 m/s.
     input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
-    # What the MPC leaves free. "tube": at stage j of the horizon what the growing tube takes;
-    # nothing without a tube. "saturation": k_s of every input, so that the limits never cut the
-    # sum of both; it reserves authority that the law seldom uses.
+    # "tube": at stage j of the horizon the MPC leaves free what the growing tube takes; nothing
+    # without a tube.
     tightening: Tightening = "tube"
-    # In the one-step reading: time constant of the autocorrelation's average [s].
-    memory_s: float = 5.0
+    memory_s: float = 5.0  # time constant of the autocorrelation's average [s]
     robust: bool = True  # whether the robust law acts
 
     def __post_init__(self) -> None:
         NominalOptions.__post_init__(self)
-        check_choice("nominal", self.nominal, get_args(Reading))
         check_vector("saturation", self.saturation, len(Input))
         check_vector("input_weight", self.input_weight, len(Input))
         check_choice("tightening", self.tightening, get_args(Tightening))
         check_positive("memory_s", self.memory_s)
         check_flag("robust", self.robust)
-        if self.tightening == "tube" and self.nominal == "tube":
-            raise InvalidTuning(
-                "tightening: 'tube' (the default) grows from the estimate and needs nominal = "
-                "'one-step'; with nominal = 'tube' it must be 'none' or 'saturation'"
-            )
 
     def for_vehicle(self, vehicle: Vehicle, speed_mps: float, period_s: float) -> Self:
         """Return the options for a vehicle, as `MpcOptions.for_vehicle`.
@@ -181,24 +169,14 @@ def robust_gains(
 ) -> FloatArray:
     """Return K (N, 3, 7) of u_m = k_s tanh(r K z_m / k_s), z_m = z_e - zbar_e, entry by entry.
 
-    K is the gain of the linear-quadratic regulator on the articulated error model along the
-    reference, actuator lags included. K z_m replaces the printed k_p z_m + k_d z_m', since the
-    rate of a position error follows from heading and speed error; taken from the model, it does not
-    amplify the estimate's noise as a difference over a period does.
-
-    One-step reading: zbar_e is predicted from the previous error and the input that was sent, so
-    that z_m is the residual of one step. The MPC corrects it, for it has happened; the robust
-    action acts on its autocorrelated part, r K z_m, with the lag-one autocorrelation
+    K is the LQ gain on the articulated error model along the reference, actuator lags included.
+    zbar_e is predicted from the previous error and the input that was sent, so that z_m is the
+    residual of one step. The MPC corrects it, for it has happened; the robust action acts on its
+    autocorrelated part, r K z_m, with the lag-one autocorrelation
 
         r = sum f^j w(k-j) w(k-j-1) / sum f^j (w(k-j)^2 + w(k-j-1)^2) / 2,   w = K z_m,
 
-    within [0, 1] and with f = exp(-period / `memory_s`). Where filter and model are right, the
-    residuals are white and r is 0; slopes, patches and furrows outside the model make it grow.
-
-    Tube reading: r = 1, and all feedback on the vehicle is this law. The nominal state restarts at
-    z_e where the law's authority is exhausted: then the MPC has to bring the vehicle back.
-
-    A (N, n, n), B (N, n, 3) and C (N + 1, 4, n) are those of `error_dynamics`.
+    within [0, 1] and with f = exp(-period / `memory_s`). A, B and C are of `error_dynamics`.
 
     Raises:
         InvalidTuning: no gain stabilises the last stage.
@@ -212,6 +190,10 @@ def robust_gains(
 # Time after which a plan can move a point across its path: the steering's lag, and its first effect
 # through the heading. Nearer stages would ask for nothing but slack. Assumed.
 _RESPONSE_S: Final = 0.8
+# In reverse: heading of the damped approach from farther away, which limits the trailer's error
+# across the path on which the MPC acts, and the limit along it; tuned on entries
+_CAPTURE: Final = math.radians(25.0)
+_AHEAD_M: Final = 0.3
 
 
 def articulated_controller(
@@ -224,15 +206,13 @@ def articulated_controller(
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
     With `NominalOptions` the robust law is left out. A `design` tightens the inputs of the MPC by
-    the tube that grows from the estimate. In the one-step reading of the robust law it also gives a
-    monitor of the residual of each step, which changes no command: the deviation of the estimate
-    from its prediction is the disturbance w of that step alone. It lies in the design's set W of
-    single steps, whatever the gain, to W's coverage; the true error lies in W widened by the error
-    of the estimate. The margin is 1 less the gauge of w in W.
+    the tube that grows from the estimate. With the robust law it also gives a monitor of the
+    residual w of each step, which changes no command. w lies in the design's set W of single steps,
+    whatever the gain, to W's coverage; the true error lies in W widened by the error of the
+    estimate. The margin is 1 less the gauge of w in W.
 
     Raises:
-        InvalidTube: the design was made for another vehicle, or the law is to have its authority
-            free (`tightening = "saturation"`) and the feedforward leaves less.
+        InvalidTube: the design was made for another vehicle.
         InvalidTuning: no gain stabilises the last stage.
     """
     if design:
@@ -245,21 +225,21 @@ def articulated_controller(
     kind, free, soft = NOMINAL, None, None
     spread, limit = np.zeros(options.horizon + 1), math.radians(options.hitch_limit_deg)
     parts: dict[str, FloatArray | float] = {"disturbances": float(options.disturbances)}
+    if vehicle.reverse and options.damping_s > 0.0:
+        capture = options.damping_s * reference.speed.top_speed * math.sin(_CAPTURE)
+        parts["reach"] = np.array([_AHEAD_M, capture])
     if isinstance(options, ArticulatedOptions) and options.robust:
-        kind = ONE_STEP if options.nominal == "one-step" else TUBE_READING
+        kind = ONE_STEP
         parts["limit"] = np.array(options.saturation)
         gains = robust_gains(a, b, c, options.input_weight)
         parts["gains"] = gains / parts["limit"][:, None]
         parts["forgetting"] = math.exp(-period_s / options.memory_s)
-        if options.tightening == "saturation":
-            reserved = np.tile(options.saturation, (len(course.feedforward), 1))
-            bounds = tightened(bounds, reserved, np.zeros_like(reserved), period_s)
-        elif options.tightening == "tube" and design:
+        if options.tightening == "tube" and design:
             tube = GrowingTube.along(design, a, b, c, course.feedforward, options)
             parts |= {"ancillary": tube.gains, "reserve": tube.reserve}
             free = tube.bounds
             spread[:-1], spread[-1] = tube.hitch, tube.hitch[-1]
-        if design and kind == ONE_STEP:
+        if design:
             rows = report_rows(c[:-1, :, : len(State)])
             flat = rows.reshape(-1, len(State))
             width = design.disturbance.support(flat) + design.estimate_error.support(flat)
@@ -272,7 +252,8 @@ def articulated_controller(
             reference.corridor.require_hitch(course.grid.hitch_angle)
             limit = min(limit, reference.corridor.hitch_limit)
     front = options.input_bound[Input.DELTA_T]
-    soft = hitch_bounds(course.grid, course.vehicle, limit, spread, front).beside(soft)
+    hitch = hitch_bounds(course.grid, course.vehicle, limit, spread, front, a, period_s)
+    soft = hitch.beside(soft)
     entry = damped(a, c, period_s, options.damping_s)
     # the rows that change: along a long reference these matrices are the largest
     a, b = a[:, : len(State)].copy(), b[:, : len(State)].copy()
@@ -293,18 +274,9 @@ def tube_controller(
     """Compose tube MPC after Mayne, Seron and Rakovic (2005), on the estimate (Mayne et al. 2006).
 
     The nominal error zbar follows the model under the MPC, within bounds that the tube has
-    tightened, and with the disturbance s of the estimator:
-
-        zbar(k+1) = A zbar(k) + B ubar(k) - E s(k),   u_e = ubar + K (zhat - zbar).
-
-    The deviation zhat - zbar of the estimate then obeys A + B K under the disturbance of each step,
-    and stays in the tube as long as the windows of that disturbance stay in their set. The nominal
-    error depends on no estimate of the state: noise reaches the commands through K only. The
-    constraints are those of the inputs at the free stages, and the reference satisfies them: every
-    tick has a solution, and no terminal set is needed. Stability with active constraints is not
-    proven. Membership is tested by half widths, in a box around the set. Where the deviation leaves
-    that box, as after a push or on ground unlike that of the data, the nominal error restarts at
-    the estimate, and the fallback of the tick says so.
+    tightened, and with the disturbance s of the estimator; u_e = ubar + K (zhat - zbar). Membership
+    is tested by half widths, in a box around the set. Where the deviation leaves that box, the
+    nominal error restarts at the estimate, and the fallback of the tick says so.
 
     Raises:
         InvalidTube: see `ReferenceTube.along`.

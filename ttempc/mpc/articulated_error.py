@@ -217,7 +217,13 @@ def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBou
 _ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and trailer point
 
 
-def damped(a: FloatArray, outputs: FloatArray, period_s: float, damping_s: float) -> FloatArray:
+def damped(
+    a: FloatArray,
+    outputs: FloatArray,
+    period_s: float,
+    damping_s: float,
+    across: slice = slice(1, None, 2),
+) -> FloatArray:
     """Return the outputs C (N + 1, 4, n) with y + tau y' for the cross-track errors y.
 
     tau is `damping_s`. Over a period without inputs y' = (C_{k+1} A_k - C_k) z / T; an input acts
@@ -225,16 +231,18 @@ def damped(a: FloatArray, outputs: FloatArray, period_s: float, damping_s: float
     y' = -y / tau, which crosses no line.
     """
     result = outputs.copy()
-    rate = (outputs[1:, _ACROSS] @ a[: len(outputs) - 1] - outputs[:-1, _ACROSS]) / period_s
-    result[:-1, _ACROSS] += damping_s * rate
-    result[-1, _ACROSS] += damping_s * rate[-1]
+    rate = (outputs[1:, across] @ a[: len(outputs) - 1] - outputs[:-1, across]) / period_s
+    result[:-1, across] += damping_s * rate
+    result[-1, across] += damping_s * rate[-1]
     return result
 
 
 HITCH: Final = np.eye(_N)[State.PSI_T] - np.eye(_N)[State.PSI_I] - np.eye(_N)[State.DELTA_I]
 """Row from the error z_e to that of the hitch angle, beta = psi_t - psi_i - delta_i."""
 _HITCH_PENALTY: Final = 1000.0  # of a hitch angle beyond its bound [1/rad]; assumed
-_HELD_SHARE: Final = 0.4  # of `held_lambda`, that plans in reverse may take; assumed
+_HELD_SHARE: Final = 0.6  # of `held_lambda`, that plans in reverse may take
+# Time for which the rate of an angle goes on in reverse; with 0.5 s trailers fold on wet slopes
+_TURNS_BACK_S: Final = 1.5
 _ROOM: Final = math.radians(3.0)  # beyond the reference that a bound leaves at least; assumed
 
 
@@ -267,32 +275,42 @@ def corridor_bounds(
 
 
 def hitch_bounds(
-    grid: ReferenceSample, vehicle: Vehicle, limit: float, spread: FloatArray, delta_t: float
+    grid: ReferenceSample,
+    vehicle: Vehicle,
+    limit: float,
+    spread: FloatArray,
+    delta_t: float,
+    a: FloatArray,
+    period_s: float,
 ) -> OutputBounds:
     """Return the bounds that keep the true hitch angle within `limit` [rad] over the horizon.
 
     `spread` (Np + 1,) [rad] is by how much the true angle may deviate at stage j from that of the
-    linear plan. Forwards the trailer follows; the model takes lambda for sin lambda, which changes
-    the angle by `limit` - sin `limit` at most while it is within the limit. That is taken off as
-    well.
+    linear plan. The model takes lambda for sin lambda, which changes the angle by `limit` -
+    sin `limit` at most while it is within the limit; that is taken off as well.
 
-    In reverse the trailer folds by itself. The bound is then on lambda = beta + delta_i, a share of
+    In reverse the trailer folds by itself. A second bound is on lambda = beta + delta_i, a share of
     `held_lambda` of the front steering `delta_t` that the plan may take: what remains turns lambda
-    back. |beta| is at most that and the bound of delta_i.
+    back. Both hold for the angle and what its rate adds in the time that turning back takes, under
+    the dynamics A (N, n, n) without inputs.
 
     Where the reference itself comes closer than 3 deg to the bound, the bound gives way to that
     distance.
     """
-    angle, row, largest = grid.hitch_angle, HITCH, math.sin(limit)
+    angle, largest = grid.hitch_angle[:, None], np.array([math.sin(limit)])
+    rows = np.zeros((len(angle), 2 if vehicle.reverse else 1, _SIZE))
+    rows[:, :, :_N] = HITCH
     if vehicle.reverse:
-        angle = grid.state[:, State.PSI_T] - grid.state[:, State.PSI_I]
-        row = HITCH + np.eye(_N)[State.DELTA_I]
-        largest = min(limit, _HELD_SHARE * held_lambda(vehicle, delta_t))
-    rows = np.zeros((len(angle), 1, _SIZE))
-    rows[:, 0, :_N] = row
+        rows[:, 1, State.DELTA_I] = 0.0
+        turned = grid.state[:, State.PSI_T] - grid.state[:, State.PSI_I]
+        angle = np.stack([grid.hitch_angle, turned], axis=1)
+        held = _HELD_SHARE * held_lambda(vehicle, delta_t)
+        largest = np.array([math.sin(limit), min(limit, held)])
+        rows = damped(a, rows, period_s, _TURNS_BACK_S, slice(2))
     room = np.maximum(largest, np.abs(angle) + _ROOM + spread.max())
-    lower, upper = (angle - room)[:, None], (angle + room)[:, None]
-    return OutputBounds(rows, lower, upper, spread[:, None], np.full(1, _HITCH_PENALTY))
+    spread = np.tile(spread[:, None], (1, rows.shape[1]))
+    penalty = np.full(rows.shape[1], _HITCH_PENALTY)
+    return OutputBounds(rows, angle - room, angle + room, spread, penalty)
 
 
 def held_lambda(vehicle: Vehicle, delta_t: float) -> float:

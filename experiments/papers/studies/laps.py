@@ -67,8 +67,6 @@ PARTS: Final = {
     "+ LMPC, disturbance (`ttempc-nominal`)": _options(robust=False),
     "+ LMPC, disturbance, robust": _options(tightening="none"),
     "+ LMPC, disturbance, robust, growing tube (`ttempc`)": (),
-    "no tube, MPC tightened by the law's authority": _options(tightening="saturation"),
-    "no tube, robust in the tube reading": _options(tightening="none", nominal="tube"),
     "no robust, step weights 1, 1, 0.02": _options(robust=False, step_weight=(1.0, 1.0, 0.02)),
     "no robust, step weights 0.05, 0.05, 0.1": _options(
         robust=False, step_weight=(0.05, 0.05, 0.1)

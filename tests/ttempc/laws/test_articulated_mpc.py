@@ -22,6 +22,7 @@ from ttempc.mpc.articulated_error import (
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.reference.speed import Backward
 from ttempc.types import Disturbance, Input, State
 from ttempc.vehicle import Vehicle
 
@@ -110,12 +111,12 @@ def kept(half_width_m, reference=LINE, options=None, **corridor):
 def test_bounds_are_those_of_the_exact_geometry_to_first_order():
     """Errors of the points across their reference and of the hitch angle, by finite differences."""
     reference = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
-    _, _, c = error_dynamics(reference, PERIOD_S, 150)
+    a, _, c = error_dynamics(reference, PERIOD_S, 150)
     grid = reference.at(np.arange(151) * PERIOD_S)
     behind, limit = 0.7, math.radians(60.0)
     corridor = Corridor(0.1, hitch_limit=limit, tool_behind_m=behind)
     spread = np.radians([0.0, 2.0, 4.0])
-    hitch = hitch_bounds(grid, VEHICLE, limit, spread, 0.3)
+    hitch = hitch_bounds(grid, VEHICLE, limit, spread, 0.3, a, PERIOD_S)
     bounds = corridor_bounds(corridor, grid, c, first=1, horizon=2).beside(hitch)
 
     def outputs(state):
@@ -151,6 +152,23 @@ def test_the_held_hitch_angle_is_a_steady_turn_of_the_exact_model():
     inputs = np.array([0.3, 0.0, -1.0 / VEHICLE.speed_gain])
     turned = after_period(state, inputs, np.zeros(5))
     assert turned[State.PSI_T] - turned[State.PSI_I] == pytest.approx(held, abs=1e-6)
+
+
+def test_in_reverse_the_bounds_are_on_both_angles_and_what_their_rates_add():
+    """The larger the time for turning back, the earlier a plan that folds meets its bound."""
+    vehicle = replace(VEHICLE, reverse=True)
+    reference = Reference(straight(40.0), vehicle, Backward(ConstantSpeed(1.0), 40.0))
+    a, _, _ = error_dynamics(reference, PERIOD_S, 100)
+    grid = reference.at(np.arange(101) * PERIOD_S)
+    bounds = hitch_bounds(grid, vehicle, math.radians(45.0), np.zeros(21), 0.4, a, PERIOD_S)
+    beta = np.array([0, 0, 1, -1, 0, -1, 0, *np.zeros(9)], dtype=float)
+    angles = np.stack([beta, beta + np.eye(16)[State.DELTA_I]])  # beta, lambda
+    state = np.random.default_rng(3).normal(size=16)
+    rates = angles @ (a[50] @ state - state) / PERIOD_S
+    added = bounds.rows[50] @ state - angles @ state
+    assert added == pytest.approx(added[0] / rates[0] * rates)
+    assert added[0] / rates[0] > 0.5
+    assert bounds.upper[50, 1] < held_lambda(vehicle, 0.4)
 
 
 def test_damped_outputs_are_those_of_the_rolled_model_and_their_rates():

@@ -10,14 +10,11 @@ import numpy as np
 import pytest
 
 from tests.ttempc.tubes import DESIGN, REFERENCE, VEHICLE
-from ttempc.errors import InvalidTube
 from ttempc.laws.articulated_law import (
-    EXHAUSTED,
     LAW,
     MEMORY,
     ONE_STEP,
     POINT,
-    TUBE_READING,
     law_of,
     report_tube,
     robust_part,
@@ -40,7 +37,6 @@ from ttempc.types import Disturbance, Estimate, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
-TUBE = ArticulatedOptions(nominal="tube", tightening="none")
 TICKS = 150
 SIZE = len(State) + len(Disturbance) + len(MapDisturbance)
 
@@ -55,10 +51,9 @@ class RobustPart:
 
     def __init__(self, tuning):
         a, b, c = model()
-        kind = ONE_STEP if tuning.nominal == "one-step" else TUBE_READING
         self.stages = CondensedHorizon(a, b, MpcOptions(), PERIOD_S, c).stages
         self.law = law_of(
-            kind,
+            ONE_STEP,
             np.zeros((TICKS, 7)),
             np.zeros((TICKS, 3)),
             Vehicle(),
@@ -71,13 +66,12 @@ class RobustPart:
         self.record["last"] = -2
 
     def step(self, k, error, previous):
-        """Return action, modelling error, the error on which the MPC acts, exhaustion."""
+        """Return action, modelling error, and the error on which the MPC acts."""
         given, tick = np.concatenate([error, previous]), new_tick()
         self.record["fallback"], self.record["previous"] = 0.0, previous
         robust_part(k, self.law, self.stages, self.memory, given, tick)
         modelling_error = tick.view(TICK)[0]["tracking"][7:]
-        exhausted = self.record["fallback"] == EXHAUSTED
-        return self.record["action"].copy(), modelling_error, given[:SIZE], exhausted
+        return self.record["action"].copy(), modelling_error, given[:SIZE]
 
     def sent(self, k, mpc_state, feedback):
         record = self.record
@@ -85,46 +79,32 @@ class RobustPart:
         record["coming"] = self.stages.model[k] @ np.concatenate([mpc_state, feedback])
 
 
-each_reading = pytest.mark.parametrize("tuning", [ArticulatedOptions(), TUBE])
-
-
-@each_reading
-def test_action_stays_within_its_authority(tuning):
+def test_action_stays_within_its_authority():
+    tuning = ArticulatedOptions()
     generator = np.random.default_rng(52)
     law = RobustPart(tuning)
     for k in range(TICKS - 1):
         error = 10.0 ** generator.uniform(-3.0, 2.0) * generator.normal(size=SIZE)
-        action, _, mpc_state, _ = law.step(k, error, np.zeros(3))
+        action, _, mpc_state = law.step(k, error, np.zeros(3))
         assert np.all(np.abs(action) <= tuning.saturation)
         law.sent(k, mpc_state, np.zeros(3))
 
 
-@each_reading
-def test_model_that_is_right_needs_no_robust_action(tuning):
+def test_model_that_is_right_needs_no_robust_action():
     a, b, _ = model()
     generator = np.random.default_rng(53)
-    law, error, feedback = RobustPart(tuning), 0.1 * generator.normal(size=SIZE), np.zeros(3)
+    law, error, feedback = (
+        RobustPart(ArticulatedOptions()),
+        0.1 * generator.normal(size=SIZE),
+        np.zeros(3),
+    )
     for k in range(30):
-        action, modelling_error, mpc_state, _ = law.step(k, error, feedback)
+        action, modelling_error, mpc_state = law.step(k, error, feedback)
         np.testing.assert_allclose(action, 0.0, atol=1e-12)
         np.testing.assert_allclose(modelling_error, 0.0, atol=1e-12)
         feedback = 0.05 * generator.normal(size=3)
         law.sent(k, mpc_state, feedback)
         error = a[k] @ error + b[k] @ feedback
-
-
-def test_small_actions_stabilise_what_the_model_does_not_know():
-    """The robust law alone in the tube reading, on the linear model from a few centimetres."""
-    a, b, c = model()
-    law, error = RobustPart(TUBE), np.zeros(SIZE)
-    law.sent(0, error, np.zeros(3))
-    error[:7] = 0.02
-    for k in range(1, TICKS - 1):
-        action, _, mpc_state, exhausted = law.step(k, error, np.zeros(3))
-        assert not exhausted
-        law.sent(k, mpc_state, np.zeros(3))
-        error = a[k] @ error - b[k] @ action  # u = u_r - u_e, and u_m adds to u
-    assert np.abs(c[TICKS - 1] @ error).max() < 0.002
 
 
 def test_autocorrelation_is_the_correlation_of_a_signal_with_its_past():
@@ -159,7 +139,7 @@ def test_robust_action_acts_on_autocorrelated_residuals_and_not_on_white_ones():
             [],
         )
         for k in range(TICKS - 1):
-            action, _, mpc_state, _ = law.step(k, error, np.zeros(3))
+            action, _, mpc_state = law.step(k, error, np.zeros(3))
             actions.append(action)
             law.sent(k, mpc_state, np.zeros(3))
             residual[:7] = memory * residual[:7]
@@ -167,16 +147,6 @@ def test_robust_action_acts_on_autocorrelated_residuals_and_not_on_white_ones():
             error = a[k] @ error + residual
         sizes[memory] = np.sqrt(np.mean(np.square(actions), axis=0))
     assert np.all(sizes[0.0] < 0.4 * sizes[0.8])
-
-
-def test_nominal_state_of_the_tube_starts_anew_where_the_law_is_exhausted():
-    law, far = RobustPart(TUBE), np.zeros(SIZE)
-    law.sent(0, far, np.zeros(3))
-    far[1] = 3.0
-    action, _, mpc_state, exhausted = law.step(1, far, np.zeros(3))
-    assert exhausted
-    np.testing.assert_array_equal(mpc_state, far)
-    np.testing.assert_array_equal(action, 0.0)
 
 
 OUTPUTS = error_dynamics(REFERENCE, PERIOD_S, 60)[2][:-1, :, :7]
@@ -231,23 +201,3 @@ def test_the_controller_reports_what_a_step_added_and_commands_the_same():
     assert min(margins[:6]) > 0.9
     step = replace(DESIGN.disturbance, window=1)
     assert margins[6] == pytest.approx(1.0 - step.fill(residual[None])[0], abs=0.05)
-
-
-def test_tightened_by_its_authority_no_sum_of_mpc_and_law_is_limited():
-    """However far off: whatever the law adds at most, the front wheels stay off their stops."""
-    options = ArticulatedOptions(tightening="saturation")
-    tight = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options)
-    generator = np.random.default_rng(73)
-    left = []
-    for k in range(60, 100):
-        report = tight.step(on(generator.normal(size=7) * [2, 2, 0.3, 0.3, 0, 0, 0.3], k), k)
-        front = report.diagnostics.feedforward[0] + report.diagnostics.feedback[0]
-        left.append(VEHICLE.steering_limit_t - options.saturation[0] - abs(front))
-    assert min(left) > -1e-9
-    assert min(left) < 1e-6  # pressed to its end
-
-
-def test_an_authority_that_the_feedforward_does_not_leave_free_is_refused():
-    options = ArticulatedOptions(saturation=(0.2, 0.6, 0.1), tightening="saturation")
-    with pytest.raises(InvalidTube, match=r"tightened set is empty: .* of the delta_i"):
-        articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options)

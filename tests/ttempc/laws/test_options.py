@@ -36,11 +36,9 @@ CHANGES = {
         "input_bound": (0.01, 0.3, 0.5),
         "input_rate": (0.02, 0.6, 0.3),
         "robust": False,
-        "nominal": "tube",
         "saturation": (0.05, 0.1, 0.1),
         "input_weight": (3.0, 0.3, 0.3),
         "memory_s": 0.5,
-        "tightening": "saturation",
         "disturbances": False,
         "corridor": False,
     },
@@ -78,7 +76,6 @@ CHANGES = {
     },
     NmpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02), "iterations": 1},
 }
-BASES = {ArticulatedOptions: ArticulatedOptions(tightening="none")}  # goes with every `nominal`
 NAMES = {entry.options: name for name, entry in reversed(CONTROLLERS.items()) if entry.options}
 
 
@@ -107,7 +104,7 @@ def commands(options):
     ("options", "name"), [(options, name) for options, names in CHANGES.items() for name in names]
 )
 def test_every_option_changes_the_commands(options, name):
-    plain = BASES.get(options, options())
+    plain = options()
     changed = replace(plain, **{name: CHANGES[options][name]})
     assert not np.array_equal(commands(changed), commands(plain))
 
