@@ -18,6 +18,7 @@ import numpy as np
 from ...testbed.recording.channels import STATE
 from ...testbed.recording.record import Recorder
 from ..errors import InvalidPage
+from ..output import write_file
 from ..results.summary import tracking_statistics
 from ..results.tracking_errors import tracking_errors
 from ..run.assembly import assemble
@@ -26,7 +27,7 @@ from ..scenario.scenario import Scenario, load
 from ..seeds import FIRST
 from ..sweep.plan import SweepPlan
 from ..sweep.study import load_study
-from .pages import ROOT, write_file
+from .pages import ROOT
 
 CHECK_S: Final = 20.0  # simulated: a straight, the blend and the first metres of a curve
 LEDGER: Final = "docs/fingerprints.json"

@@ -4,8 +4,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from ...testbed.atomic_write import atomic_write
-from ..errors import InvalidPage, OutputExists
+from ..errors import InvalidPage
 
 ROOT: Final = Path(__file__).resolve().parents[2]  # of the checkout
 _BLOCK: Final = re.compile(r"(?<=<!-- table: )([\w-]+)( -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)
@@ -58,17 +57,3 @@ def read_page(page: str, out: Path) -> str:
     """Return the text of a page in `out`, or in the checkout if it is not there yet."""
     file = out / page if (out / page).is_file() else ROOT / page
     return file.read_text(encoding="utf-8")
-
-
-def write_file(file: Path, content: bytes) -> None:
-    """Replace a file atomically.
-
-    Raises:
-        OutputExists: it cannot be written.
-    """
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(file) as stream:
-            stream.write(content)
-    except OSError as error:
-        raise OutputExists(f"output {file}: cannot be written: {error.strerror}") from None

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from ...testbed.recording.provenance import code_digest, versions
 from ..errors import InvalidRows
+from ..output import write_file
 from ..sweep.engine import Engine, engine, imap_bounded
 from ..sweep.folder import is_begun, lock_folder
 from ..sweep.plan import SweepPlan
@@ -36,7 +37,7 @@ from .checks import (
     sweep_checks,
     write_ledger,
 )
-from .pages import ROOT, pages_of_tables, read_page, with_block, write_file
+from .pages import ROOT, pages_of_tables, read_page, with_block
 from .study import Block, Case, Row, Study, lap
 
 _SHOWN: Final = ("commit", "code", "ttempc", "mujoco", "numpy", "piqp")

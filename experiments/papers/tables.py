@@ -80,8 +80,3 @@ def lost(group: pd.DataFrame) -> str:
 def slash(values: Iterable[float]) -> str:
     """Return numbers, such as those of tractor and trailer [m], beside each other [cm]."""
     return " / ".join(f"{100.0 * value:.1f}" for value in values)
-
-
-def fenced(lines: Iterable[str]) -> str:
-    """Return lines as a block of plain text."""
-    return "\n".join(["```text", *lines, "```"])

@@ -251,7 +251,7 @@ def weights() -> dict[str, float]:
     """Return the frozen weights of the trials; of another trial 1.
 
     They make the largest share that a trial has in the variance of the log ratio of two of six
-    serious entries as small as can be, on tuning seeds (`papers trial-weights`).
+    serious entries as small as can be; they were fitted to runs of ten tuning seeds.
     """
     return json.loads((folder() / "weights.json").read_text(encoding="utf-8"))
 

@@ -32,7 +32,7 @@ _ERROR: Final = (6.4e-5, 6.4e-5, 1.6e-5)
 _CHANGE: Final = (4e-6, 4e-6, 1e-6)  # of the ground from pass to pass; assumed
 _LARGEST: Final = 0.25  # [rad]
 
-_ROW: Final = 10  # of `FieldMap.rows`
+_ROW: Final = 12  # of `FieldMap.rows`
 _SEEN: Final = 8  # of an estimate: x, y, psi_t, psi_i, delta_t, delta_i, v, and 1 if it is known
 
 
@@ -46,8 +46,9 @@ class FieldMap:
     periods; Gaussian weights along the path, ahead and behind alike, take noise and lag off. Passes
     are fused as a Kalman filter would, with a variance at every place.
 
-    A pass tells a disturbance with an offset of its own (slopes, tyres, offsets of sensors), which
-    the estimator follows. What the map is asked for is therefore changes from place to place alone.
+    A pass tells a disturbance with an offset of its own (tyres, offsets of sensors), which the
+    estimator follows. What the map is asked for is therefore changes from place to place alone,
+    and of those what the estimate's map-fixed slips, see `MapDisturbance`, do not change already.
 
     The state is arrays that a copy copies; the first pass and the ticks before it are not
     different from those without a map.
@@ -76,19 +77,22 @@ class FieldMap:
                 f"learn_field: got an array {known.shape}, must be finite rows (n, {_ROW}) of a map"
             )
         self._first = len(known)  # of the arrays, place of tick 0
-        before = known[:, 3] - known[:, 3].max(initial=0.0) - 2.0 * _AFTER_M
-        self._pose = np.concatenate([known[:, :3], grid.state[:, : State.PSI_T + 1]])
+        before = known[:, 5] - known[:, 5].max(initial=0.0) - 2.0 * _AFTER_M
+        gear = np.sign(grid.state[:, State.V])
+        posture = np.column_stack([grid.state[:, : State.PSI_I + 1], gear])
+        self._posture = np.concatenate([known[:, :5], posture])
         self._distance = np.concatenate([before, grid.distance_m])
-        self._place = places(self._pose, self._distance)
+        self._place = places(self._posture[:, :3], self._distance)
         count = len(self._place)
         self._mean, self._variance = np.zeros((count, MAPPED)), np.full((count, MAPPED), np.inf)
-        self._mean[: self._first], self._variance[: self._first] = known[:, 4:7], known[:, 7:]
+        self._mean[: self._first], self._variance[: self._first] = known[:, 6:9], known[:, 9:]
         self._raw = np.full((count, MAPPED), math.nan)
         # number, sum and sum of squares of all first means, and the share of them that is true
         self._spread = np.zeros((4, MAPPED))
-        for mean in known[:, 4:7]:
+        for mean in known[:, 6:9]:
             gather(mean, self._spread)
         self._seen = np.zeros((3, _SEEN))
+        self._slope = np.zeros(2)  # (SIDE_X, SIDE_Y) of the last estimate [rad]
         # next place to smooth, last one observed, ticks to leave out
         settled = math.ceil(_SETTLED_S / period_s)
         self._ticks = np.array([self._first, self._first - 2, settled])
@@ -108,9 +112,12 @@ class FieldMap:
 
     @property
     def rows(self) -> FloatArray:
-        """The map (n, 10): x, y [m], heading [rad], distance [m], means and variances (3 each)."""
+        """The map (n, 12): x, y [m], both headings [rad], sign of speed, distance [m], (3,) twice.
+
+        These are means [rad] and variances [rad^2] of the disturbances.
+        """
         known = np.isfinite(self._variance).all(axis=1)
-        parts = self._pose, self._distance[:, None], self._mean, self._variance
+        parts = self._posture, self._distance[:, None], self._mean, self._variance
         return np.concatenate(parts, axis=1)[known]
 
     def observe(self, k: int, row: FloatArray, usable: bool) -> None:
@@ -119,6 +126,7 @@ class FieldMap:
         Where the reference waits, and at ticks that are not `usable`, the pass shows nothing.
         """
         if (k := k + self._first) < len(self._place):
+            self._slope[:] = row.view(ESTIMATE)["map_disturbance"][0, :2]
             observe_field(
                 k,
                 row,
@@ -145,7 +153,16 @@ class FieldMap:
             return self._none
         before, now = self._place[k - 1], self._place[k]
         known = now < k and before < k - 1 and self._variance[[before, now]].max() < math.inf
-        return self._spread[3] * (self._mean[now] - self._mean[before]) if known else self._none
+        return self._spread[3] * np.subtract(*self._rest([now, before])) if known else self._none
+
+    def _rest(self, place: NDArray[np.int64] | list[int]) -> FloatArray:
+        """Return the means of places (n,) without what the slope of the estimate does, (n, 3)."""
+        rest = self._mean[place]
+        for i, column in enumerate((State.PSI_T, State.PSI_I)):
+            heading, gear = self._posture[place, column], self._posture[place, -1]
+            x, y = self._slope
+            rest[:, i] -= gear * (y * np.cos(heading) - x * np.sin(heading))
+        return rest
 
     def ahead(self, k: int, count: int) -> FloatArray:
         """Return the changes from tick k to ticks k, k + 1, ... k + count - 1, (count, 3).
@@ -156,7 +173,7 @@ class FieldMap:
         ticks = np.minimum(ticks, len(self._place) - 1)
         place = self._place[ticks]
         unknown = (place >= ticks) | np.isinf(self._variance[place]).any(axis=1)
-        values = self._mean[place]
+        values = self._rest(place)
         if unknown.any():
             last = int(np.argmax(unknown))
             values[last:] = values[max(last - 1, 0)]

@@ -27,7 +27,7 @@ from ....testbed.wheels.tyre_kernel import wheel_step
 from ..runner import Runner
 from ..study import Block, Study
 from ..tables import markdown
-from .evidence import Machine, constants, scaled, wrong_machines
+from .evidence import Machine, constants, scaled, turned_out, wrong_machines
 
 _AXLES: Final = (~(DRIVEN | TRAILER), DRIVEN, TRAILER)
 _UP: Final = {"across": 0.5 * math.pi, "ahead": 0.0}  # [rad] where a slope rises, vehicle eastward
@@ -341,20 +341,12 @@ def _table(runner: Runner) -> Block:
     pairs = [[machine for machine in wrong if machine.constant == name] for name in constants()]
     counts = np.array([[len(out[machine]) for machine in pair] for pair in pairs])
 
-    def cell(machine: Machine) -> str:
-        listed = ", ".join(map(str, out[machine]))
-        return "refused" if machine in refused else f"{len(out[machine])}: {listed}".rstrip(": ")
-
     first, notes = 1, []
     for name in MANOEUVRES:
         last = first + len(content[name]["rows"]) - 1
         notes.append(f"- {first} to {last}: {content[name]['of']}.")
         first = last + 1
     figures = markdown(["", "figure", "closed form", "band", "ours", "verdict"], lines)
-    turned = markdown(
-        ["constant", "30 % too small turns out", "30 % too large"],
-        [[f"`{pair[0].constant}`", *map(cell, pair)] for pair in pairs],
-    )
     most_out, least_out = ((of(axis=1) >= 3).sum() for of in (counts.max, counts.min))
     text = (
         f"{inside.sum()} of {len(rows)} [figures]({_FILE}) are inside their bands. Of "
@@ -362,7 +354,13 @@ def _table(runner: Runner) -> Block:
         f"in one direction, {least_out} in either; {len(refused)} such machines are refused."
     )
     title = "# Appendix: manoeuvres beside closed forms"
-    parts = (title, figures, "\n".join(notes), "## What could fail", f"{turned}\n")
+    parts = (
+        title,
+        figures,
+        "\n".join(notes),
+        "## What could fail",
+        f"{turned_out(out, refused)}\n",
+    )
     return Block(text, {_FILE: "\n\n".join(parts).encode()})
 
 

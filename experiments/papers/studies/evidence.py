@@ -9,7 +9,7 @@ import json
 import math
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
@@ -499,55 +499,35 @@ def wrong_machines() -> list[Machine]:
 
 def _mutations(runner: Runner) -> str:
     """Return the counted rows that each wrong constant turns out; it takes long."""
-    own = {item.name: item for item in _own(runner) if item.inside and item.kind == "two-sided"}
-    wrong = wrong_machines()
+    counted = [item for item in _own(runner) if item.kind == "two-sided"]
+    places = {item.name: k for k, item in enumerate(counted, 1) if item.inside}
     used = [
         name
         for name in EXPERIMENTS
-        if own.keys() & {row["name"] for row in _content()[name]["figures"]}
+        if places.keys() & {row["name"] for row in _content()[name]["figures"]}
     ]
-    tasks = [(name, machine) for name in used for machine in wrong]
-    out: dict[Machine, list[str]] = {machine: [] for machine in wrong}
+    tasks = [(name, machine) for name in used for machine in wrong_machines()]
+    out: dict[Machine, list[int]] = {machine: [] for _, machine in tasks}
     for (_, machine), items in zip(tasks, runner.map(measure, tasks), strict=True):
         moved = ("below", "above")  # a machine that is refused has no figure
-        out[machine] += [item.name for item in items if item.name in own and item.verdict in moved]
-    return mutation_table([*own], out)
+        out[machine] += [places[i.name] for i in items if i.name in places and i.verdict in moved]
+    return turned_out(out)
 
 
-def mutation_table(inside: Sequence[str], out: Mapping[Machine, Sequence[str]]) -> str:
-    """Return what could turn each row out, and what each constant turns out.
+def turned_out(out: Mapping[Machine, Sequence[int]], refused: Iterable[Machine] = ()) -> str:
+    """Return how many rows each constant turns out, and which.
 
     Args:
-        inside: names of the counted rows that are inside their bands.
-        out: names of those that each machine with a wrong constant turns out.
+        out: numbers of the rows that each machine with a wrong constant turns out.
+        refused: machines that nobody can build.
     """
-    most: dict[str, list[Sequence[str]]] = {}
+    cells: dict[str, list[str]] = {}
     for machine, rows in out.items():
-        most.setdefault(machine.constant, []).append(rows)
-    largest = {name: max(map(len, both)) for name, both in most.items()}
-
-    def of_size(least: int, below: int) -> list[str]:
-        return [f"`{name}`" for name, count in largest.items() if least <= count < below]
-
-    fail = [", ".join(_signed(each) for each, rows in out.items() if row in rows) for row in inside]
-    return "\n\n".join(
-        [
-            markdown(
-                ["row inside its band", "could fail: constants 30 % too large (+) or small (−)"],
-                [[row, cause or "no constant"] for row, cause in zip(inside, fail, strict=True)],
-            ),
-            "\n".join(
-                f"- {head}: {', '.join(names) or 'none'}."
-                for head, names in (
-                    (
-                        f"Of {len(largest)} main constants, turn three rows or more out",
-                        of_size(3, 99),
-                    ),
-                    ("turn not one out", of_size(0, 1)),
-                )
-            ),
-        ]
-    )
+        text = f"{len(rows)}: {', '.join(map(str, rows))}".rstrip(": ")
+        own = cells.setdefault(machine.constant, [f"`{machine.constant}`"])
+        own.append("refused" if machine in refused else text)
+    heads = ["constant", "30 % too small turns out", "30 % too large"]
+    return markdown(heads, cells.values())
 
 
 def page(items: Sequence[Evidence]) -> str:
@@ -573,10 +553,6 @@ def page(items: Sequence[Evidence]) -> str:
 
 def _held(items: Sequence[Evidence]) -> str:
     return f"{sum(item.inside for item in items)} of {len(items)}"
-
-
-def _signed(machine: Machine) -> str:
-    return f"{machine.constant.partition('.')[2]} {'+' if machine.factor > 1.0 else '−'}"
 
 
 def _notes(items: Sequence[Evidence], letter: str) -> list[str]:

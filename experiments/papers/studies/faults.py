@@ -1,4 +1,4 @@
-"""Faults: what becomes of runs, false alarms, limits of the detectors."""
+"""Faults: what becomes of runs, and false alarms."""
 
 import math
 import tomllib
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from ttempc.guidance.detection import Alarm, Monitors, Reaction
+from ttempc.guidance.detection import Alarm, Reaction
 
 from ....testbed.recording.channels import REFERENCE, STATE
 from ....testbed.recording.record import REACTION, Record, Recorder
@@ -20,10 +20,10 @@ from ...results.tracking_errors import BODIES
 from ...run.assembly import assemble
 from ...run.simulate import drive_into
 from ...scenario.scenario import load, shipped
-from ...seeds import TUNING, report_seeds
+from ...seeds import report_seeds
 from ...trials.definition import trial, trial_files
 from ..study import Case, Row, Study
-from ..tables import Cell, grouped, groups, label, markdown, numbers
+from ..tables import Cell, grouped, groups, label, numbers
 
 START_S: Final = 25.0
 """Start of a fault [s]: the tractor enters the first circle of the figure eight."""
@@ -226,53 +226,6 @@ def _total(counts: Iterable[dict[str, int]]) -> Counter[str]:
     return sum((Counter(one) for one in counts), Counter[str]())
 
 
-_PER_S: Final = 5  # ticks
-_CALIBRATION_DRIVES: Final = 6  # of each scenario
-_FALSE_ALARM_S: Final = 36_000.0  # in which all detectors together are to give one false alarm
-_BLOCK: Final = 50  # ticks of a maximum: 10 s
-
-
-def shares(case: Case) -> Row:
-    """Return all statistics over their limits at every tick, (ticks, detectors)."""
-    guidance, rows = (assembly := assemble(load(case.scenario)[1], case.seed)).guidance, []
-
-    def observe(k: int) -> None:
-        rows.append([item.statistic / item.limit for item in guidance.detectors])
-
-    drive_into(Recorder(), assembly, on_tick=observe, prepared=False)
-    return {"shares": np.array(rows)}
-
-
-def limit_table(runs: pd.DataFrame) -> str:
-    """Return how near to its limit each detector comes without a fault, and where.
-
-    Largest values of 10 s follow a Gumbel distribution, fitted by its moments (Coles 2001, "An
-    introduction to statistical modeling of extreme values", ch. 3): the last column is the share
-    that one of all detectors would pass once in ten hours of the scenario that is worst for it.
-    """
-    detectors, rows = Monitors().detectors, []
-    for n, detector in enumerate(detectors):
-        most: dict[str, tuple[float, float]] = {}
-        for name, own in runs.groupby("scenario")["shares"]:
-            values = np.concatenate([*own])[:, n]
-            maxima = values[: len(values) // _BLOCK * _BLOCK].reshape(-1, _BLOCK).max(axis=1)
-            scale = float(maxima.std(ddof=1)) * math.sqrt(6.0) / math.pi
-            count = _FALSE_ALARM_S / (_BLOCK / _PER_S) * len(detectors)
-            once = float(maxima.mean()) + scale * (math.log(count) - np.euler_gamma)
-            most[str(name)] = float(values.max()), once
-        largest, once = (max(most, key=lambda name, i=i: most[name][i]) for i in range(2))
-        cells = f"{most[largest][0]:.2f} ({largest})", f"{most[once][1]:.2f} ({once})"
-        rows.append([detector.name, *(cells if most[largest][0] else ("-", "-"))])
-    head = ["detector", "largest share of its limit", "share passed once in ten hours"]
-    return markdown(head, rows)
-
-
-def limit_cases() -> list[Case]:
-    """Return the drives, each scenario on tuning seeds of its own."""
-    names = np.repeat(shipped(), _CALIBRATION_DRIVES).tolist()
-    return [Case(name, seed) for name, seed in zip(names, TUNING, strict=False)]
-
-
 _STUCK: Final = changes("front steering stuck", 5.0)  # within the time of a regression check
 
 FAULTS: Final = Study(
@@ -287,9 +240,4 @@ FALSE_ALARMS: Final = Study(
     make=lambda runner: alarm_table(runner.frame(alarm_cases(FALSE_ALARMS.seeds), alarms)),
     checks=tuple((name, "ttempc") for name in shipped()),
 )
-LIMITS: Final = Study(
-    name="detector-limits",
-    seeds=tuple(TUNING[: _CALIBRATION_DRIVES * len(shipped())]),
-    make=lambda runner: limit_table(runner.frame(limit_cases(), shares)),
-)
-STUDIES: Final = (FAULTS, FALSE_ALARMS, LIMITS)
+STUDIES: Final = (FAULTS, FALSE_ALARMS)

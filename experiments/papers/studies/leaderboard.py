@@ -9,7 +9,6 @@ second set of seeds gives the same verdicts.
 """
 
 import itertools
-import json
 import re
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -20,7 +19,7 @@ from ttempc.types import FloatArray
 
 from ....testbed.recording.provenance import code_digest
 from ...results.statistics import resampled_means
-from ...seeds import CHECKS, TUNING
+from ...seeds import CHECKS
 from ...sweep_report.format import format_numbers
 from ...trials.bench import Entrant, bench
 from ...trials.definition import trial_files
@@ -67,10 +66,9 @@ OTHERS: Final = (
 
 
 SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc", "nmpc-rti", "lqr", "pid")
-"""Controllers on which the trials' power to separate is measured, and their weights fitted."""
+"""Controllers on which the trials' power to separate is measured."""
 
 _SEPARATED: Final = 3.0  # |t| of a paired difference of costs
-_FIT_SEEDS: Final = (*TUNING[:10],)
 
 FAULTS: Final = "faults"
 """Trial without a weight in the score: what comes home of its runs is a column of its own."""
@@ -176,32 +174,13 @@ def pair_numbers(cards: Sequence[ScoreCard]) -> FloatArray:
     return np.divide(gaps.mean(axis=1), spread, out=equal, where=spread > 0.0)
 
 
-def variance_shares(
-    cards: Sequence[ScoreCard], shares: Mapping[str, float] | None = None
-) -> FloatArray:
-    """Return shares of trials in the variance of the log ratio of two entries, (pairs, trials).
-
-    Args:
-        cards: of the entries.
-        shares: weights of the trials; default: the frozen ones.
-    """
-    table = weights() if shares is None else shares
-    weight = np.array([table[name] for name in cards[0].trials])
+def variance_shares(cards: Sequence[ScoreCard]) -> FloatArray:
+    """Return shares of trials in the variance of the log ratio of two entries, (pairs, trials)."""
+    weight = np.array([weights()[name] for name in cards[0].trials])
     found = [costs(card.trials) for card in cards]
     logs = _gaps([cost / cost.mean(axis=0) for cost in found])  # linearised at the means
     parts = weight**2 * logs.var(axis=1, ddof=1)
     return parts / parts.sum(axis=1, keepdims=True)
-
-
-def fit_weights(cards: Sequence[ScoreCard]) -> dict[str, float]:
-    """Return the weights, 1 at most, that even out the largest shares; 0 stays 0."""
-    names = [*cards[0].trials]
-    scored = np.array([weights().get(name) != 0.0 for name in names])
-    weight = scored.astype(float)
-    for _ in range(500):
-        largest = variance_shares(cards, dict(zip(names, weight, strict=True))).max(axis=0)
-        weight[scored] *= (largest[scored].mean() / largest[scored]) ** 0.1
-    return {name: round(float(x), 2) for name, x in zip(names, weight / weight.max(), strict=True)}
 
 
 def shipped_cards() -> dict[str, ScoreCard]:
@@ -319,11 +298,5 @@ STUDIES: Final = (
         ),
     ),
     Study(name="trial-power", make=make_power, seeds=(*PUBLIC, *CHECKS), checks=()),
-    Study(
-        name="trial-weights",
-        make=lambda runner: Block(json.dumps(fit_weights(_serious(runner, _FIT_SEEDS)))),
-        seeds=_FIT_SEEDS,
-        checks=(),
-    ),
     Study(name="headline", make=lambda runner: headline(shipped_cards())),
 )

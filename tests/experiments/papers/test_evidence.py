@@ -32,11 +32,8 @@ def test_only_two_sided_rows_count_and_say_what_turns_them_out():
     assert "0 of 1 of machines at work" in text
     assert "| a1 | three |" in text
     low, high = (Machine("law.side", factor) for factor in evidence.WRONG)
-    table = evidence.mutation_table(["one", "four"], {low: ["one"], high: []})
-    assert "| one | side − |" in table
-    assert "| four | no constant |" in table
-    assert "Of 1 main constants, turn three rows or more out: none." in table
-    assert "turn not one out: none." in table
+    table = evidence.turned_out({low: [1, 4], high: []}, [high])
+    assert "| `law.side` | 2: 1, 4 | refused |" in table
 
 
 def test_every_constant_is_one_of_the_plant_and_changes_it():

@@ -11,7 +11,6 @@ from proving_ground.experiments.papers.studies import (
     containment,
     faults,
     laps,
-    tubes,
     widths,
 )
 from proving_ground.experiments.papers.study import Case, all_studies
@@ -121,16 +120,6 @@ def test_a_drift_along_the_way_stops_the_vehicle():
     assert row["worst_m"] < 1.0
 
 
-def test_the_share_passed_once_is_that_of_a_gumbel_distribution():
-    count = len(faults.Monitors().detectors)
-    maxima = np.random.default_rng(2).gumbel(0.4, 0.02, (20_000, count))
-    runs = pd.DataFrame([{"scenario": "grass", "shares": np.repeat(maxima, 50, axis=0)}])
-    _, body = cells(faults.limit_table(runs))
-    expected = 0.4 + 0.02 * np.log(3600.0 * count)
-    once = [float(line[2].split()[0]) for line in body]
-    assert once == pytest.approx([expected] * count, abs=0.03)
-
-
 # Tubes.
 
 
@@ -165,10 +154,3 @@ def test_laps_are_counted_by_steps_and_as_wholes_and_drawn():
     assert row[5:7] == ["1.70", "8.0 / 6.0"]
     assert row[7].startswith("0.3333 (")  # one left the width of the trailer, one was lost
     assert len(containment.path(laps).axes) == 3
-
-
-def test_the_tube_of_grass_is_invariant():
-    condition, *shares = (float(line.split()[-1]) for line in [*tubes.invariance(20, 300)][1:])
-    assert condition <= 1.0 + 1e-6
-    assert len(shares) == 1
-    assert all(share <= 1.0 + 1e-6 for share in shares)

@@ -15,7 +15,7 @@ from ttempc.learning.field import FieldMap, places
 from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.reference.headland import headland
 from ttempc.reference.reference import ConstantSpeed
-from ttempc.types import Estimate
+from ttempc.types import Estimate, State
 
 PERIOD_S = 0.2
 VEHICLE = Vehicle()
@@ -45,7 +45,7 @@ def learnt(true, laps=2):
 def test_a_pass_shows_the_slips_and_the_steering_that_the_vehicle_has():
     true = np.array([0.02, -0.03, 0.015])
     map_rows = learnt(lambda s: true, laps=1).rows
-    np.testing.assert_allclose(map_rows[:, 4:7], np.tile(true, (len(map_rows), 1)), atol=2e-3)
+    np.testing.assert_allclose(map_rows[:, 6:9], np.tile(true, (len(map_rows), 1)), atol=2e-3)
 
 
 def test_places_are_those_of_the_first_lap_at_the_same_pose():
@@ -76,7 +76,23 @@ def test_changes_add_up_to_what_lies_ahead_and_are_zero_on_the_first_pass():
     assert not fresh.change(k).any()
 
 
-@pytest.mark.parametrize("rows", [np.zeros((3, 4)), np.full((2, 10), np.nan)])
+def test_a_slope_that_the_estimate_has_is_no_change():
+    slope, grid = np.array([0.03, -0.02]), reference(1).on_grid(PERIOD_S)
+    count = len(grid.state)
+    headings = grid.state[:, [State.PSI_T, State.PSI_I]]
+    known = np.zeros((count, 12))
+    known[:, :4], known[:, 4], known[:, 5] = grid.state[:, :4], 1.0, grid.distance_m
+    known[:, 6:8] = slope[1] * np.cos(headings) - slope[0] * np.sin(headings)
+    known[:, 9:] = 1e-5
+    field = FieldMap(reference(1), PERIOD_S, earlier=known)
+    unaware = np.abs(field.ahead(100, 40)).max()
+    estimate = row(grid.state[0])
+    estimate.view(ESTIMATE)["map_disturbance"][0, :2] = slope
+    field.observe(0, estimate, True)
+    assert np.abs(field.ahead(100, 40)).max() < 0.02 * unaware
+
+
+@pytest.mark.parametrize("rows", [np.zeros((3, 4)), np.full((2, 12), np.nan)])
 def test_what_are_no_rows_of_a_map_are_refused(rows):
     with pytest.raises(InvalidTuning, match="learn_field"):
         Guidance(VEHICLE, figure_eight(), learn_field=rows)
