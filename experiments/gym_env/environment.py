@@ -235,6 +235,9 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         inner = make(vehicle, reference, period_s)
         return add_residual(inner, self._chosen, self._share, reference, period_s)
 
+    def _chosen(self, estimate: Estimate, k: int, sent: FloatArray) -> FloatArray:
+        return self._action
+
     def _proceed(self) -> Outcome | None:
         """Run to the next tick that needs a command; return the outcome where there is none."""
         assert self._run is not None
