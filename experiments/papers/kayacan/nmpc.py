@@ -16,7 +16,7 @@ import numpy as np
 
 from ttempc.baselines.nmpc import GaussNewton
 from ttempc.baselines.nmpc_model import Task
-from ttempc.errors import InvalidReference, check_choice, check_count, check_positive
+from ttempc.errors import InvalidReference, check_choice, check_positive
 from ttempc.guidance.controllers import parse_options
 from ttempc.laws.tracking_controller import FeedbackLaw, TrackingController
 from ttempc.mpc.articulated_error import rotation
@@ -41,7 +41,7 @@ class PrintedNmpcOptions(HorizonTuning):
 
     Outputs are x, y of the tractor, x, y of the trailer [m] and the speed of the rims [m/s]. Bounds
     hold for delta_t, delta_i and hp themselves, step weights for the changes of delta_t, lambda
-    (or delta_i) and hp from period to period.
+    and hp from period to period.
 
     Raises:
         InvalidTuning: a value is out of its range.
@@ -56,18 +56,11 @@ class PrintedNmpcOptions(HorizonTuning):
     look_ahead_m: float = 1.6  # from the nearest point of the path to the first target
     # One target for the whole horizon, or one that moves on at the reference's speed.
     target: Target = "fixed"
-    # Which of the two the trailer's step weight and rate hold for.
-    trailer_input: Literal["lambda", "delta_i"] = "lambda"
-    hitch_sign: Literal[1, -1] = 1  # +1 printed, -1 geometry (docs/errata.md, 1)
-    iterations: int = 1  # Gauss-Newton iterations a period, at most
 
     def __post_init__(self) -> None:
         HorizonTuning.__post_init__(self)
         check_positive("look_ahead_m", self.look_ahead_m, zero=True)
         check_choice("target", self.target, get_args(Target))
-        check_choice("trailer_input", self.trailer_input, ("lambda", "delta_i"))
-        check_choice("hitch_sign", self.hitch_sign, (1, -1))
-        check_count("iterations", self.iterations)
 
 
 class SpaceBasedTargets:
@@ -105,9 +98,9 @@ class PrintedFeedback(FeedbackLaw):
     def __init__(self, reference: Reference, period_s: float, options: PrintedNmpcOptions) -> None:
         self._options = options
         self._targets = SpaceBasedTargets(reference, period_s, options)
-        model = PrintedModel(reference.vehicle, options.hitch_sign, period_s)
+        model = PrintedModel(reference.vehicle, period_s)
         own: Any = model  # it has the shape of an `ArticulatedModel`
-        self._solver = GaussNewton(own, PRINTED, options, options.iterations)
+        self._solver = GaussNewton(own, PRINTED, options, iterations=1)
         limits = CommandLimits.of(reference.vehicle, period_s)
         bound = np.array(options.input_bound)
         self._lower, self._upper = np.maximum(-bound, limits.lower), np.minimum(bound, limits.upper)
@@ -129,7 +122,7 @@ class PrintedFeedback(FeedbackLaw):
         targets = self._targets.at(x, y)
         previous = sent.copy()
         previous[Input.DELTA_I] += beta
-        if options.trailer_input == "lambda" and self._lambda is not None:
+        if self._lambda is not None:
             previous[Input.DELTA_I] = self._lambda
         lower, upper = self._lower.copy(), self._upper.copy()
         lower[Input.DELTA_I] += beta
