@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ttempc.layout import TICK
 from ttempc.reference.reference import Reference
-from ttempc.types import Command, Controller, Estimate
+from ttempc.types import Command, Controller, Estimate, FloatArray
 from ttempc.vehicle import CommandLimits, Vehicle
 
 from ...testbed.recording.record import Tee
