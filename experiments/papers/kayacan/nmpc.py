@@ -10,13 +10,13 @@ else is assumed, and an option.
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ttempc.baselines.nmpc import GaussNewton
 from ttempc.baselines.nmpc_model import Task
-from ttempc.errors import InvalidReference, check_choice, check_positive
+from ttempc.errors import InvalidReference, check_positive
 from ttempc.guidance.controllers import parse_options
 from ttempc.laws.tracking_controller import FeedbackLaw, TrackingController
 from ttempc.mpc.articulated_error import rotation
@@ -31,8 +31,6 @@ from .model import PRINTED, PrintedModel
 _M = len(Input)
 _RUN_ON_M = 20.0  # of reference beyond the end of the path, for a vehicle that arrives early
 _NO_SLIP = np.ones(3)
-
-Target = Literal["fixed", "moving"]
 
 
 @dataclass(frozen=True)
@@ -53,14 +51,11 @@ class PrintedNmpcOptions(HorizonTuning):
     moves: int = 15
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0)
     input_bound: tuple[float, ...] = (math.radians(35.0), math.radians(20.0), 1.0)
-    look_ahead_m: float = 1.6  # from the nearest point of the path to the first target
-    # One target for the whole horizon, or one that moves on at the reference's speed.
-    target: Target = "fixed"
+    look_ahead_m: float = 1.6  # from the nearest point of the path to the target
 
     def __post_init__(self) -> None:
         HorizonTuning.__post_init__(self)
         check_positive("look_ahead_m", self.look_ahead_m, zero=True)
-        check_choice("target", self.target, get_args(Target))
 
 
 class SpaceBasedTargets:
@@ -75,18 +70,15 @@ class SpaceBasedTargets:
         self._distance = grid.distance_m
         self._ticks = np.arange(len(v), dtype=float)
         self._projection = Projection(grid.state[:, :2])
-        moving = options.target == "moving"
-        self._ahead = np.arange(1.0, options.horizon + 1.0) * moving  # in ticks of the reference
-        self._look_ahead_m = options.look_ahead_m
+        self._look_ahead_m, self._horizon = options.look_ahead_m, options.horizon
 
     def at(self, x: float, y: float) -> FloatArray:
         """Return the targets (Np, 7) for a tractor point: see `PrintedModel`."""
         place = self._projection.place(x, y)
-        if self._look_ahead_m:
-            distance = np.interp(place, self._ticks, self._distance) + self._look_ahead_m
-            place = float(np.interp(distance, self._distance, self._ticks))
-        ticks = place + self._ahead
-        return np.stack([np.interp(ticks, self._ticks, column) for column in self._table], axis=1)
+        distance = np.interp(place, self._ticks, self._distance) + self._look_ahead_m
+        place = float(np.interp(distance, self._distance, self._ticks))
+        target = [np.interp(place, self._ticks, column) for column in self._table]
+        return np.tile(target, (self._horizon, 1))
 
 
 class PrintedFeedback(FeedbackLaw):
