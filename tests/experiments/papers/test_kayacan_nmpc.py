@@ -108,16 +108,13 @@ def test_fixed_target_lies_ahead_of_the_nearest_point_by_the_look_ahead():
         np.testing.assert_allclose(rows[0], expected, atol=5e-3)
 
 
-def estimate(z, beta=0.0):
-    state = np.array([z[0], z[1], z[2], z[5], 0.0, 0.0, z[6]])
-    return Estimate(0.0, state, np.zeros((7, 7)), np.array(z[3:5]), beta)
-
-
 def test_on_its_own_model_it_brings_both_points_back_to_a_line():
     law, start, beta = controller(VEHICLE, LINE, PERIOD_S), LINE.at(0.0), 0.07
     z = np.array([*start.state[:3], *start.trailer_xy, start.state[3], 1.0])
     z[[1, 4]] += 0.3
     for k in range(150):
-        command = law.step(estimate(z, beta), k).command
+        state = np.array([*z[:3], z[5], 0.0, 0.0, z[6]])
+        estimate = Estimate(0.0, state, np.zeros((7, 7)), z[3:5], beta)
+        command = law.step(estimate, k).command
         z = after(z, [command.delta_t, command.delta_i + beta, command.hp], [1, 1, 1, beta, 0], 0.2)
     assert np.abs(z[[1, 4]]).max() < 0.02
