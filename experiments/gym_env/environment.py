@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ttempc.layout import TICK
 from ttempc.reference.reference import Reference
-from ttempc.types import Command, Controller, Estimate
+from ttempc.types import Command, Controller, Estimate, FloatArray
 from ttempc.vehicle import CommandLimits, Vehicle
 
 from ...testbed.recording.record import Tee
@@ -234,6 +234,9 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         make = self._parts.controller_factory(self._scenario, self._vehicle)
         inner = make(vehicle, reference, period_s)
         return add_residual(inner, self._chosen, self._share, reference, period_s)
+
+    def _chosen(self, estimate: Estimate, k: int, sent: FloatArray) -> FloatArray:
+        return self._action
 
     def _proceed(self) -> Outcome | None:
         """Run to the next tick that needs a command; return the outcome where there is none."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from tests.ttempc.tube.test_sets import directions_in
 from ttempc.errors import InvalidTube
 from ttempc.tube import (
     DisturbanceSet,
@@ -14,7 +15,6 @@ from ttempc.tube import (
     fit_set,
     invariant_tube,
 )
-from ttempc.tube.sets import directions_in
 
 UNIT = DisturbanceSet(np.eye(2), shape="box")
 

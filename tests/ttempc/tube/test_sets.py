@@ -13,7 +13,7 @@ from tests.reference.ttempc.zonotope import Zonotope
 from tests.ttempc.tubes import admissible
 from ttempc.errors import InvalidTube
 from ttempc.tube.conformal import calibrate, fewest_scores, largest_score
-from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum, outline
+from ttempc.tube.sets import DisturbanceSet, linear_map, minkowski_sum, outline
 
 
 @pytest.fixture
@@ -23,6 +23,13 @@ def generator():
 
 def random_zonotope(generator, n, g):
     return Zonotope(generator.standard_normal(n), generator.standard_normal((n, g)))
+
+
+def directions_in(dimension, count, generator):
+    """Return `count` unit vectors, (`count`, n): both of every axis first, the others random."""
+    axes = np.vstack([np.eye(dimension), -np.eye(dimension)])
+    others = generator.standard_normal((max(0, count - len(axes)), dimension))
+    return np.vstack([axes, others / np.linalg.norm(others, axis=1, keepdims=True)])[:count]
 
 
 def test_sums_and_maps_hold_what_samples_add_up_to_and_reach_it(generator):
