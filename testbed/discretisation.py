@@ -1,4 +1,4 @@
-"""Discretisation: times as counts of physics steps, values as multiples of a resolution."""
+"""Discretisation: times as counts of physics steps."""
 
 import math
 
@@ -17,8 +17,3 @@ def whole_steps(period: float, timestep: float, what: str, least: int = 1) -> in
             f"{what}: {period:g} s is not a whole number of physics steps of {timestep:g} s"
         )
     return steps
-
-
-def quantised(value: float, resolution: float) -> float:
-    """Return the multiple of `resolution` nearest to `value`; the value itself where that is 0."""
-    return resolution * round(value / resolution) if resolution else value

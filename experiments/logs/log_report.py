@@ -60,7 +60,6 @@ def _facts(log: Path, record: Record, scenario_toml: str) -> RunFacts:
         seed=seed,
         status=status,
         failure=failure,
-        wall_s=None,
         versions=versions,
         log=log.name,
     )

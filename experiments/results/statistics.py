@@ -22,7 +22,6 @@ from ...testbed.randomness import generator
 CONFIDENCE: Final = 0.95
 TAIL: Final = 0.05  # share of the runs over which CVaR averages
 _ENOUGH_FOR_MEANS: Final = 5
-_ENOUGH_FOR_TAILS: Final = 30
 
 _RESAMPLES: Final = 10_000
 _RESAMPLES_OF_MANY: Final = 2_000  # of more than `_FEW` units
@@ -118,23 +117,14 @@ def holm(p_values: Sequence[float]) -> FloatArray:
     return adjusted
 
 
-def caveat(units: int, what: str = "seeds", tails: bool = False) -> str:
-    """Return what a page must say of intervals over few `units`, called `what`, "" where enough.
-
-    `tails`: the page has quantiles and means of the worst runs, too.
-    """
-    sentences = []
-    if units < _ENOUGH_FOR_MEANS:
-        sentences.append(
-            f"With {units} {what} the interval of a mean is a 95 % interval only if the errors are "
-            "normal."
-        )
-    if tails and units < _ENOUGH_FOR_TAILS:
-        sentences.append(
-            f"With {units} {what} the intervals of the two tail figures cover less than 95 %: "
-            "three quarters with 5, nine tenths with 14."
-        )
-    return " ".join(sentences)
+def caveat(units: int, what: str = "seeds") -> str:
+    """Return what a page must say of intervals over few `units`, called `what`, "" where enough."""
+    if units >= _ENOUGH_FOR_MEANS:
+        return ""
+    return (
+        f"With {units} {what} the interval of a mean is a 95 % interval only if the errors are "
+        "normal."
+    )
 
 
 def cvar95(values: FloatArray, weights: FloatArray) -> FloatArray:

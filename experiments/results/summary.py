@@ -6,8 +6,7 @@ the error on curves of a straight path, is None.
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -58,8 +57,7 @@ class RunFacts:
     seed: int
     status: Status
     failure: str | None  # reason for early termination, in one line
-    wall_s: float | None  # wall-clock time of the simulation, without reports; None: unknown
-    versions: Mapping[str, str]
+    versions: dict[str, str]
     log: str | None  # the log's path relative to the run's folder
 
 
@@ -252,17 +250,10 @@ class ExtremeStatistics:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class Summary(RunFacts):
     """All numbers of a run."""
 
-    run_id: str
-    scenario: str
-    controller: str
-    seed: int
-    status: Status
-    failure: str | None
     duration_s: float
-    versions: dict[str, str]
     tracking: TrackingStatistics
     estimation: EstimationStatistics
     timing: TimingStatistics
@@ -274,26 +265,23 @@ class Summary:
     entry: EntryStatistics | None  # None for a start on the path
     implement: ImplementStatistics | None  # None if the run has no implement
     learnt: list[str]  # time and change of model parameters that were learnt
-    log: str | None
 
     def to_json(self) -> str:
         """Return the text of `summary.json`. It holds no NaN, which JSON does not define."""
         return json.dumps(asdict(self), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def summarise(record: Record, facts: RunFacts) -> Summary:
-    """Return the summary of a run."""
+def summarise(record: Record, facts: RunFacts, wall_s: float | None = None) -> Summary:
+    """Return the summary of a run; `wall_s`: time that the simulation took, None where unknown."""
     times = record[STATE].time_s
     duration_s = round(float(times[-1]), 6) if len(times) else 0.0  # of whole physics steps
-    identity = {item.name: getattr(facts, item.name) for item in fields(facts)}
-    del identity["wall_s"]
     errors = tracking_errors(record)
     return Summary(
-        **{**identity, "versions": dict(facts.versions)},
+        **asdict(facts),
         duration_s=duration_s,
         tracking=tracking_statistics(errors),
         estimation=_estimation(record),
-        timing=_timing(record, duration_s, facts.wall_s),
+        timing=_timing(record, duration_s, wall_s),
         inputs=input_statistics(record),
         tube=_tube(record),
         corridor=corridor_statistics(record),
@@ -373,14 +361,11 @@ def _since_first(samples: FloatArray) -> FloatArray:
 
 
 def _timing(record: Record, duration_s: float, wall_s: float | None) -> TimingStatistics:
-    table = record[TIMING]
-    spreads = {name: _spread(table[name]) for name in table.channel.fields}
+    table, spreads = record[TIMING], {}
+    for name in table.channel.fields:
+        known = table[name][np.isfinite(table[name])]  # a tick without a QP has no QP solve time
+        spreads[name] = Spread(*(_percentile(known, percent) for percent in (50.0, 99.0, 100.0)))
     return TimingStatistics(**spreads, real_time_factor=duration_s / wall_s if wall_s else None)
-
-
-def _spread(cost_us: FloatArray) -> Spread:
-    finite = cost_us[np.isfinite(cost_us)]  # a tick without a QP has no QP solve time
-    return Spread(*(_percentile(finite, percent) for percent in (50.0, 99.0, 100.0)))
 
 
 def _tube(record: Record) -> TubeStatistics | None:

@@ -22,8 +22,9 @@ from ...testbed.log.writer import LogWriter
 from ...testbed.messages.scenery import Scenery
 from ...testbed.recording.channels import REFERENCE_PATH_TOPIC
 from ...testbed.recording.provenance import machine, versions
-from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
+from ...testbed.recording.record import Event, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
+from ...testbed.vehicle.vehicle import VEHICLES
 from ..output import make_folder, progress, refuse_existing, write_file
 from ..results.summary import RunFacts, Summary, summarise
 from ..scenario.controller import OptionValue
@@ -145,13 +146,13 @@ def run(
         files = {"scenario": folder / "scenario.toml", "log": folder / LOG_NAME}
         write_file(files["scenario"], resolved)
         metadata = describe(name, scenario, seed, assembly, sources)
-        recorder = Recorder()
+        recorder = Recorder(on_event=on_event)
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
         count = stack.enter_context(progress(assembly.ticks, what, "tick", shown))
         viewers = Tee(log, *views)  # who read of the run's start and end
         viewers.event(first_line(metadata))
-        sink = Tee(recorder, viewers, *([OnEvent(on_event)] if on_event else ()))
+        sink = Tee(recorder, viewers)
         outcome = drive_into(sink, assembly, record_hz, lambda k: count())
         viewers.event(last_line(outcome))
     mismatch, notes = assembly.mismatch, assembly.notes
@@ -228,7 +229,7 @@ def open_log(
         metadata=metadata,
         attachments={
             "scenario.toml": dump(scenario),
-            "vehicle.toml": scenario.plant.vehicle.file_text(),
+            "vehicle.toml": VEHICLES.find(scenario.plant.vehicle.file).read_text(encoding="utf-8"),
             "model.xml": assembly.plant.mjcf,
             GROUND_FILE: assembly.plant.ground.to_npz(),
         },
@@ -282,8 +283,7 @@ def _summarise(
         seed=seed,
         status=outcome.status,
         failure=outcome.failure,
-        wall_s=outcome.wall_s,
         versions=code,
         log=log,
     )
-    return summarise(record, facts)
+    return summarise(record, facts, outcome.wall_s)

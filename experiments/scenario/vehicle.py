@@ -28,7 +28,7 @@ from ...testbed.configuration.config_io import (
     validated,
 )
 from ...testbed.errors import InvalidPlant
-from ...testbed.vehicle.vehicle import DEFAULT_VEHICLE, VEHICLES, PlantVehicle, read_vehicle
+from ...testbed.vehicle.vehicle import DEFAULT_VEHICLE, PlantVehicle, read_vehicle
 
 
 class Parameter(NamedTuple):
@@ -115,10 +115,6 @@ class PlantVehicleSettings:
             return validated(PlantVehicle, content, InvalidPlant)
         except InvalidPlant as error:
             raise InvalidPlant(f"plant.vehicle over {self.file}: {error}") from None
-
-    def file_text(self) -> str:
-        """Return the text of the vehicle file."""
-        return VEHICLES.find(self.file).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -93,7 +93,9 @@ class SweepPlan:
         self.points = math.prod(len(dimension.entries) for dimension in self._shared)
         if self.size > MOST_RUNS:
             raise InvalidStudy(f"study {name}: {self.size} runs, must be {MOST_RUNS} or fewer")
-        self._setting = functools.lru_cache(_CACHED)(self._make_setting)
+        self._setting = functools.lru_cache(_CACHED)(
+            lambda point, controller: self.setting(self.changes(point, controller))
+        )
 
     @property
     def size(self) -> int:
@@ -220,9 +222,6 @@ class SweepPlan:
             raise self._refusal(changes, error) from None
         axes = {key: scenario_value(scenario, key, draft.name) for key in changes}
         return Setting(draft.name, scenario, dump(scenario), axes)
-
-    def _make_setting(self, point: int, controller: int) -> Setting:
-        return self.setting(self.changes(point, controller))
 
     def _draft(self, name: str) -> ScenarioFile:
         if name not in self._drafts:

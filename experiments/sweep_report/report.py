@@ -14,9 +14,9 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from ...testbed.atomic_write import atomic_write
-from ..errors import BadOptions, OutputExists
+from ..errors import BadOptions
 from ..figures import png
+from ..output import write_file
 from ..report.html import Picture, environment
 from ..results.statistics import caveat
 from ..results.summary import ACTUATOR_USE
@@ -112,15 +112,9 @@ def write_report(report: SweepReport, folder: Path) -> Path:
     Raises:
         OutputExists: the folder cannot be written to; an earlier page is unchanged.
     """
-    target = folder / "report"
-    page = _render_page(report).encode()
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        with atomic_write(target / "report.html") as file:
-            file.write(page)
-    except OSError as error:
-        raise OutputExists(f"output {target}: cannot be written: {error.strerror}") from None
-    return target / "report.html"
+    file = folder / "report" / "report.html"
+    write_file(file, _render_page(report))
+    return file
 
 
 def panel_figures(report: SweepReport) -> dict[str, Callable[[], Figure]]:

@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 from ttempc.types import FloatArray
 
 from ..errors import LogError
-from ..geodesy import degrees
 from ..recording.channels import Channel
 from ..recording.record import Event
 
@@ -154,10 +153,11 @@ def transforms_template(body_names: tuple[str, ...]) -> Template:
     return Template(message)
 
 
-def encode_fixes(frame: str, times_ns: TimesNs, points: FloatArray) -> Encoded:
-    """Return measured positions (n, 2) [m] as LocationFix without height."""
+@cache
+def fix_template(frame: str) -> Template:
+    """Return the template of a LocationFix, latitude and longitude [deg], without height."""
     fix = LocationFix(timestamp=_STAMP, frame_id=frame, latitude=hole(0), longitude=hole(1))
-    return Template(fix).fill(degrees(points), times_ns)
+    return Template(fix)
 
 
 def encode_poses(times_ns: TimesNs, poses: FloatArray) -> Encoded:

@@ -1,7 +1,10 @@
 """Publisher: protobuf messages of a run on topics, for a log or a live view."""
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -18,6 +21,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from ttempc.types import FloatArray, Sensor
 
+from ..geodesy import degrees
 from ..recording import channels as topics
 from ..recording.channels import CHANNELS, ERROR, MEASUREMENT, REFERENCE, STATE, Channel
 from ..recording.record import Event, Sink, wrong_shape
@@ -27,9 +31,9 @@ from .encoding import (
     TimesNs,
     descriptor_set,
     encode_event,
-    encode_fixes,
     encode_paths,
     encode_poses,
+    fix_template,
     message_name,
     nanoseconds,
     row_fields,
@@ -100,9 +104,9 @@ def _with_error(channels: Sequence[Channel]) -> Sequence[Channel]:
 class Batch:
     """Data of a run that wait to be encoded, as they came."""
 
-    rows: dict[str, list[tuple[FloatArray, FloatArray]]]  # by topic: times (n,), values (n, fields)
+    # By topic: rows one after the other, each with its time first; those of /tf have all poses
+    rows: dict[str, array[float]]
     pairs: list[tuple[FloatArray, FloatArray, FloatArray]]  # times, rows of state and of reference
-    scenes: list[tuple[FloatArray, FloatArray]]  # times (n,), poses (n, bodies, 7)
     paths: list[tuple[str, float, FloatArray]]  # topic, time, points (n, 2)
     events: list[tuple[float, bytes]]  # time, message
 
@@ -119,11 +123,10 @@ class Publisher(Sink, ABC):
 
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
         self._templates = {each.topic: row_template(each) for each in _with_error(channels)}
-        self._topics = [each.topic for each in channels]
+        self._templates[topics.TRANSFORMS_TOPIC] = transforms_template(scenery.body_names)
         self._state: tuple[FloatArray, FloatArray] | None = None  # the latest block
         self._batch = self._empty()
         self._scenery = scenery
-        self._transforms = transforms_template(scenery.body_names)
         self._driven: list[tuple[float, ...]] = []  # x, y of both axle points
         self._next_pose_s = 0.0
         self._next_driven_s = _DRIVEN_PERIOD_S
@@ -144,12 +147,21 @@ class Publisher(Sink, ABC):
             raise wrong_shape(channel, times, values)
         if not len(times):
             return
-        self._batch.rows[channel.topic].append((times, values))
+        self._add(channel.topic, times, values)
         if channel is STATE:
-            self._state = self._batch.rows[channel.topic][-1]
-        elif channel is REFERENCE and self._state and _equal(times, self._state[0]):
+            self._state = times, values
+        elif channel is REFERENCE and self._state and np.array_equal(times, self._state[0]):
             self._batch.pairs.append((*self._state, values))
         self._collected(times[-1])
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float] | FloatArray) -> None:
+        """Publish one row."""
+        if len(values) != len(channel.fields) or channel in (STATE, REFERENCE):
+            return super().row(channel, time_s, values)  # is refused, or has an error
+        rows = self._batch.rows[channel.topic]
+        rows.append(time_s)
+        rows.frombytes(np.array(values, dtype=float).tobytes())
+        return self._collected(time_s)
 
     def event(self, event: Event) -> None:
         """Publish one event as a log line."""
@@ -159,7 +171,7 @@ class Publisher(Sink, ABC):
     def scenes(self, moments: Moments) -> None:
         """Publish the transforms of every body."""
         times = moments.rows[:, 0]
-        self._batch.scenes.append((times, moments.poses))
+        self._add(topics.TRANSFORMS_TOPIC, times, moments.poses.reshape(len(times), -1))
         self._collected(times[-1])
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
@@ -167,8 +179,14 @@ class Publisher(Sink, ABC):
         self._batch.paths.append((topic, time_s, points))
         self._collected(time_s)
 
+    def _add(self, topic: str, times: FloatArray, values: FloatArray) -> None:
+        """Copy rows while they are in the caches: later each block would be fetched anew."""
+        rows = np.empty((len(times), 1 + values.shape[1]))
+        rows[:, 0], rows[:, 1:] = times, values
+        self._batch.rows[topic].frombytes(rows.tobytes())
+
     def _empty(self) -> Batch:
-        return Batch({topic: [] for topic in self._topics}, [], [], [], [])
+        return Batch({topic: array("d") for topic in self._templates}, [], [], [])
 
     def _take(self) -> Batch:
         """Return the collected data and begin anew."""
@@ -177,38 +195,36 @@ class Publisher(Sink, ABC):
 
     def _publish(self, batch: Batch) -> None:
         """Encode and send data, topic by topic; of the batches each after the one before."""
-        for topic, blocks in batch.rows.items():
-            if blocks:
-                times, rows = _joined(blocks)
-                times_ns = self._send_rows(topic, times, rows)
+        for topic, numbers in batch.rows.items():
+            if numbers:
+                width = self._templates[topic].width + (topic == topics.TRANSFORMS_TOPIC)
+                times_ns = self._send_rows(topic, rows := np.reshape(numbers, (-1, width)))
                 if topic == MEASUREMENT.topic:
-                    self._publish_fixes(times_ns, rows)
+                    self._publish_fixes(times_ns, rows[:, 1:])
                 elif topic == STATE.topic:
-                    batch.paths.extend(self._publish_poses(times, rows))
+                    batch.paths.extend(self._publish_poses(rows[:, 0], rows[:, 1:]))
         if batch.pairs:
-            times, states, references = _joined(batch.pairs)
-            self._send_rows(ERROR.topic, times, topics.error_rows(states, references))
-        if batch.scenes:
-            times, poses = _joined(batch.scenes)
-            times_ns = nanoseconds(times)
-            bodies = single(poses.reshape(len(times), -1))
-            self._send(topics.TRANSFORMS_TOPIC, times_ns, self._transforms.fill(bodies, times_ns))
-        if batch.paths:
-            paths = sorted(batch.paths, key=lambda path: path[0])
+            times, states, references = map(np.concatenate, zip(*batch.pairs, strict=True))
+            errors = topics.error_rows(states, references)
+            self._send_rows(ERROR.topic, np.column_stack([times, errors]))
+        if batch.paths:  # those of one length are encoded together
+            paths = sorted(batch.paths, key=lambda path: (len(path[2]), path[0]))
             drawn, begin = self._scenery.on_ground(np.concatenate([each for *_, each in paths])), 0
-            for (topic, count), group in groupby(paths, lambda path: (path[0], len(path[2]))):
-                times_ns = nanoseconds(np.array([time_s for _, time_s, _ in group]))
-                end = begin + count * len(times_ns)
-                lines = drawn[begin:end].reshape(-1, count, 3)
-                self._send(topic, times_ns, encode_paths(times_ns, lines))
+            for count, group in groupby(paths, lambda path: len(path[2])):
+                names, times_s, _ = zip(*group, strict=True)
+                times_ns, end = nanoseconds(np.array(times_s)), begin + count * len(names)
+                messages = encode_paths(times_ns, drawn[begin:end].reshape(-1, count, 3))
+                for topic in dict.fromkeys(names):
+                    own = [name == topic for name in names]
+                    self._send(topic, times_ns[own], messages[own])
                 begin = end
         for event in batch.events:
             self._send(topics.EVENT_TOPIC, *_single(*event))
 
-    def _send_rows(self, topic: str, times_s: FloatArray, rows: FloatArray) -> TimesNs:
-        times_ns = nanoseconds(times_s)
-        messages = self._templates[topic].fill(np.column_stack([times_s, rows]))
-        self._send(topic, times_ns, messages)
+    def _send_rows(self, topic: str, rows: FloatArray) -> TimesNs:
+        times_ns, template = nanoseconds(rows[:, 0]), self._templates[topic]
+        numbers = single(rows[:, 1:]) if topic == topics.TRANSFORMS_TOPIC else rows
+        self._send(topic, times_ns, template.fill(numbers, times_ns))
         return times_ns
 
     def _publish_fixes(self, times_ns: TimesNs, measured: FloatArray) -> None:
@@ -218,7 +234,7 @@ class Publisher(Sink, ABC):
             taken = ~np.isnan(samples[:, 0])
             if taken.any():
                 stamps = nanoseconds(samples[taken, 3])
-                fixes = encode_fixes(frame, stamps, samples[taken, :2])
+                fixes = fix_template(frame).fill(degrees(samples[taken, :2]), stamps)
                 self._send(topic, times_ns[taken], fixes)
 
     def _publish_poses(
@@ -226,16 +242,18 @@ class Publisher(Sink, ABC):
     ) -> Iterator[tuple[str, float, FloatArray]]:
         """Send poses of both axle points; yield the driven paths that are due."""
         poses, due = states[:, _POSES], []
-        for k in np.flatnonzero(np.isfinite(poses).all(axis=1)).tolist():  # others have no place
-            if times_s[k] >= self._next_pose_s:
-                self._next_pose_s = times_s[k] + _POSE_PERIOD_S
+        placed = set(np.flatnonzero(np.isfinite(poses).all(axis=1)).tolist())
+        for k, time_s in enumerate(times_s.tolist()):
+            if time_s >= self._next_pose_s and k in placed:
+                self._next_pose_s = time_s + _POSE_PERIOD_S
                 due.append(k)
         if not due:
             return
         poses, times_s = poses[due], times_s[due]
         times_ns = nanoseconds(times_s)
-        self._send(topics.TRACTOR_TOPIC, times_ns, encode_poses(times_ns, poses[:, :6]))
-        self._send(topics.TRAILER_TOPIC, times_ns, encode_poses(times_ns, poses[:, 6:]))
+        both = encode_poses(np.tile(times_ns, 2), np.vstack([poses[:, :6], poses[:, 6:]]))
+        self._send(topics.TRACTOR_TOPIC, times_ns, both[: len(due)])
+        self._send(topics.TRAILER_TOPIC, times_ns, both[len(due) :])
         points = poses[:, [0, 1, 6, 7]].tolist()
         for time_s, (x, y, *trailer) in zip(times_s.tolist(), points, strict=True):
             if not self._driven or math.dist((x, y), self._driven[-1][:2]) > _DRIVEN_STEP_M:
@@ -247,15 +265,6 @@ class Publisher(Sink, ABC):
                 yield topics.DRIVEN_TRAILER_TOPIC, time_s, driven[:, 2:]
 
 
-def _equal(times: FloatArray, others: FloatArray) -> bool:
-    return times is others or np.array_equal(times, others)
-
-
 def _single(time_s: float, data: bytes) -> tuple[TimesNs, Encoded]:
     """Return the arrays of one message."""
     return nanoseconds(np.array([time_s])), np.frombuffer(data, np.uint8)[None]
-
-
-def _joined(blocks: Sequence[tuple[FloatArray, ...]]) -> Iterator[FloatArray]:
-    """Return each of the arrays of all blocks as one."""
-    return (np.concatenate(parts) for parts in zip(*blocks, strict=True))

@@ -190,6 +190,11 @@ class Tee(Sink):
         for sink in self._sinks:
             sink.rows(channel, times, values)
 
+    def row(self, channel: Channel, time_s: float, values: Sequence[float] | FloatArray) -> None:
+        """Pass on one row."""
+        for sink in self._sinks:
+            sink.row(channel, time_s, values)
+
     def event(self, event: Event) -> None:
         """Pass on one event."""
         for sink in self._sinks:
@@ -206,21 +211,15 @@ class Tee(Sink):
             sink.path(topic, time_s, points)
 
 
-class OnEvent(Sink):
-    """Sink that calls a function with every event."""
-
-    def __init__(self, call: Callable[[Event], object]) -> None:
-        self._call = call
-
-    def event(self, event: Event) -> None:
-        """Pass on one event."""
-        self._call(event)
-
-
 class Recorder(Sink):
-    """Collector of rows and events in memory."""
+    """Collector of rows and events in memory; every event is passed to `on_event`."""
 
-    def __init__(self, channels: Sequence[Channel] = CHANNELS) -> None:
+    def __init__(
+        self,
+        channels: Sequence[Channel] = CHANNELS,
+        on_event: Callable[[Event], object] | None = None,
+    ) -> None:
+        self._on_event = on_event or (lambda event: None)
         self._channels = {channel.topic: channel for channel in channels}
         self._times = {topic: array("d") for topic in self._channels}
         self._values = {topic: array("d") for topic in self._channels}
@@ -248,6 +247,7 @@ class Recorder(Sink):
     def event(self, event: Event) -> None:
         """Add one event."""
         self._events.append(event)
+        self._on_event(event)
 
     def record(self, metadata: Mapping[str, str] | None = None) -> Record:
         """Return the record of the data collected so far."""

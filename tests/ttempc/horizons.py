@@ -29,7 +29,6 @@ def stages() -> tuple[FloatArray, FloatArray]:
 
 @cache
 def horizon() -> CondensedHorizon:
-    """Return the paper's horizon over `stages`."""
     return CondensedHorizon(*stages(), TUNING, PERIOD_S)
 
 

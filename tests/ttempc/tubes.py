@@ -26,7 +26,6 @@ DESIGN = TubeDesign(VEHICLE, PERIOD_S, WINDOW, ERROR, WEIGHTS)
 
 
 def along(design=DESIGN, reference=REFERENCE, ticks=TICKS) -> ReferenceTube:
-    """Return the tube along the figure eight."""
     return ReferenceTube.along(design, reference, ticks)
 
 

@@ -124,7 +124,7 @@ _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side sl
 # Of the speed: common to both slips, side slip alone, each at first and of the mean of a minute of
 # what looks like a slope; wheel slip below 0.
 _DRIFT: Final = 0.0095, 0.6, 0.013, 0.8, 0.04
-_STEEP: Final = 0.03  # that mean from which on the first limit grows
+_STEEP: Final = 0.03  # that mean from which on the first limit grows, and the field is a slope
 _SLOPES_S: Final = 60.0
 # On parallel tracks alone a slope across them, a slip along them and a drift are one.
 _HEADING_S: Final = 40.0
@@ -228,8 +228,9 @@ MONITORS: Final = np.dtype(
         ("drift", "f8"),  # mean of what no slope explains
         ("heading", "f8", 2),  # mean of a vector at twice the yaw
         ("rough", "f8"),  # mean of the learnt factor of roughness
-        # Means: both slips as a slope; wheel slip of a second, of a minute, by the plan of a second
-        ("slips", "f8", 4),
+        # Means: both slips as a slope; wheel slip of a second, of a minute, by the plan of a
+        # second; side slip in the map of a minute
+        ("slips", "f8", 6),
         ("spun_s", "f8"),  # last time at which the wheels may have spun
         ("workspace", "f8", 102 * 101 // 2),  # slopes of a second; means of the response
     ]
@@ -458,9 +459,14 @@ def _observe_estimate(
             slips[0] += share * (level - slips[0])
             slips[1] += span_s * (wheel - slips[1])
             slips[2] += share * (wheel - slips[2])
+            slips[4] += share * (e.map_disturbance[0] - slips[4])
+            slips[5] += share * (e.map_disturbance[1] - slips[5])
             by_plan = 1.0 - abs(x[6]) / planned if planned > _MOVING else 0.0
             slips[3] += span_s * (by_plan - slips[3])
-            faster = min(min(0.0, slips[2]) - slips[1], -slips[3]) / _DRIFT[4]
+            # Wheel slip is negative down a slope, by the side slip of a minute of all headings.
+            down = gear * (slips[4] * math.cos(x[2]) + slips[5] * math.sin(x[2]))
+            usual = min(0.0, slips[2], -_SLOPE * down if slips[0] > _STEEP else 0.0)
+            faster = min(usual - slips[1], -slips[3]) / _DRIFT[4]
         # All headings so far count alike at first, so that those of an entry do not count for long.
         weight = min(1.0, span_s / min(_HEADING_S, now))
         s.heading[0] += weight * (math.cos(2.0 * x[2]) - s.heading[0])
@@ -850,7 +856,8 @@ def observe_monitors(
     from the side slips of a slope with c; the limits grow with the slips of the last minute.
     Parallel tracks alone do not tell the two apart; there these count 0, as with a tool in the
     soil. On any heading a vehicle that is faster than its wheels and its plan is a drift: wheel
-    slip below 0, and below that of the last minute. A drift against the way is slip of a soft soil
+    slip below 0, below that of the last minute, and below that of the slope that it drives down,
+    which the side slip of the last minute tells. A drift against the way is slip of a soft soil
     until the vehicle has turned. GNSS is not used while the vehicle rolls.
 
     Args:

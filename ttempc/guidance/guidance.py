@@ -119,30 +119,17 @@ class Guidance(GuidanceViews):
         learn_field: bool | FloatArray = False,
         detect: bool | Sequence[Detector] = True,
     ) -> None:
-        if isinstance(reference, Path):
-            check_drivable(reference, vehicle)
-            reference = Reference(reference, vehicle, ConstantSpeed(speed_mps))
-        elif reference.vehicle != vehicle:
+        if isinstance(reference, Reference) and reference.vehicle != vehicle:
             raise InvalidReference("reference: was made for another vehicle than the guidance")
-        else:
-            check_drivable(reference.path, vehicle)
+        check_drivable(reference if isinstance(reference, Path) else reference.path, vehicle)
+        if isinstance(reference, Path):
+            reference = Reference(reference, vehicle, ConstantSpeed(speed_mps))
         check_pace(reference, period_s)
         self.period_s = period_s
         self.tick = 0  # number of the next control tick
         self.reference_tick = 0  # of the reference at that tick: those that waited apart
-        noise = sensor_noise or SensorNoise()
-        self._parts = Parts(
-            vehicle,
-            reference,
-            period_s,
-            controller,
-            estimator,
-            options,
-            noise,
-            tube,
-            learn,
-            learn_field,
-        )
+        given = vehicle, reference, period_s, controller, estimator, options
+        self._parts = Parts(*given, sensor_noise or SensorNoise(), tube, learn, learn_field)
         own = () if isinstance(detect, bool) else detect
         self._monitors = Monitors(own, built_in=detect is not False)
         reasons = self._monitors.reason
@@ -244,9 +231,8 @@ class Guidance(GuidanceViews):
         Raises:
             GuidanceFailed: the estimator or the controller raised.
         """
-        parts = self._parts
         with user_part(GuidanceFailed, "warm_up raised"):
-            for part in (*parts.own, self._supervisor, self._monitors):
+            for part in (*self._parts.own, self._supervisor, self._monitors):
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 

@@ -322,6 +322,29 @@ def conclude(
     advance(k, stages.model, state, feedback, coming)
 
 
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def _drive(
+    k: int,
+    row: FloatArray,
+    sent: FloatArray,
+    law: Law,
+    stages: Stages,
+    work: Work,
+    memory: FloatArray,
+    tick: FloatArray,
+    most: int,
+) -> int:
+    """Propose, plan, and conclude where no solver is needed, in one call; return `plan`'s result.
+
+    Three calls would hand over each array of `law`, `stages` and `work` three times.
+    """
+    propose(k, row, sent, law, stages, memory, work.given, tick)
+    outcome = plan(k, stages, work, most)
+    if outcome >= 0:
+        conclude(k, outcome, law, stages, work, memory, tick)
+    return outcome
+
+
 _EXCESS: Final = 1e-3  # [m], [rad] violation of the corridor from which it counts as left; assumed
 
 
@@ -334,7 +357,7 @@ class ArticulatedLaw(FeedbackLaw):
         memory = self._memory.view(MEMORY)[0]
         memory["last"] = memory["made"] = memory["planned"] = -2.0
         self.report: SolverReport | None = None  # of the last QP that a solver answered
-        self._last: tuple[FloatArray, FloatArray] | None = None  # estimate and command, of a step
+        self._last: tuple[FloatArray, ...] = ()  # estimate and command, of a step
 
     def resume(self, previous: object) -> None:
         """Keep autocorrelation, nominal input and entry, see `ttempc.types.Resuming`.
@@ -356,41 +379,32 @@ class ArticulatedLaw(FeedbackLaw):
         tick: FloatArray,
     ) -> None:
         self._last, self.report = (row, sent), None
-        self._drive(k, row, sent, self.mpc.work, self._memory, tick)
+        self._drive(k, self.mpc.work, self._memory, tick)
 
     def prepare(self, k: int) -> None:
         """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
             self.mpc.beside.entering[:] = self.mpc.work.entering
-            self._drive(k, *self._last, self.mpc.beside, self._memory.copy(), new_tick())
+            self._drive(k, self.mpc.beside, self._memory.copy(), new_tick())
 
     def warm_up(self) -> None:
         """Solve the problem of the last step by the solver, which takes milliseconds at first."""
         self.mpc.answer(int(self.mpc.work.tick[0]), UNSOLVED)
 
-    def _drive(
-        self,
-        k: int,
-        row: FloatArray,
-        sent: FloatArray,
-        work: Work,
-        memory: FloatArray,
-        tick: FloatArray,
-    ) -> None:
-        law, stages = self.law, self.mpc.horizon.stages
-        propose(k, row, sent, law, stages, memory, work.given, tick)
+    def _drive(self, k: int, work: Work, memory: FloatArray, tick: FloatArray) -> None:
+        law, stages, (row, sent) = self.law, self.mpc.horizon.stages, self._last
         if self.field is not None:  # -E (s(k + j) - s(k)), see `error_dynamics`
             ahead = self.field.ahead(k, len(work.preview))[..., None]
             by_slips = stages.model[k : k + len(ahead), :, _N : _N + MAPPED]
             work.preview[:] = (by_slips @ ahead)[..., 0]
-        outcome = plan(k, stages, work, self.mpc.most)
+        outcome = _drive(k, row, sent, law, stages, work, memory, tick, self.mpc.most)
         if outcome < 0 and work is self.mpc.work:
             self.report, excess = self.mpc.answer(k, outcome)
             report, record = self.report, tick.view(TICK)[0]
             residuals = report.primal_residual, report.dual_residual
             record["solver"][:4] = report.accepted, report.iterations, *residuals
             record["leaves_corridor"] = excess is not None and bool((excess > _EXCESS).any())
-        conclude(k, outcome, law, stages, work, memory, tick)
+            conclude(k, outcome, law, stages, work, memory, tick)
 
     def predicted_path(self, k: int) -> FloatArray:
         return self.path.under(k, self.mpc.work, self.mpc.horizon.stages.outputs)

@@ -41,13 +41,6 @@ def linear_map(matrix: FloatArray, of: SupportSet | DisturbanceSet) -> SupportSe
     return SupportSet(len(matrix), lambda a: of.support(a @ matrix))
 
 
-def directions_in(dimension: int, count: int, generator: np.random.Generator) -> FloatArray:
-    """Return `count` unit vectors, (`count`, n): both of every axis first, the others random."""
-    axes = np.vstack([np.eye(dimension), -np.eye(dimension)])
-    others = generator.standard_normal((max(0, count - len(axes)), dimension))
-    return np.vstack([axes, others / np.linalg.norm(others, axis=1, keepdims=True)])[:count]
-
-
 def outline(of: SupportSet | DisturbanceSet, plane: FloatArray, count: int = 180) -> FloatArray:
     """Return the vertices of a polygon around the projection onto `plane` (2, n), (`count`, 2).
 

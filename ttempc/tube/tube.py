@@ -117,15 +117,6 @@ class Tube:
         """Return the support function of every S_k, (T, r) in the directions `rows` (T, r, n)."""
         return self._support(np.arange(len(self.states)), rows)
 
-    def last_window(self, k: int) -> SupportSet:
-        """Return V_k, the deviations that the last N steps reach from 0."""
-        return SupportSet(
-            self.system.a.shape[1],
-            lambda rows: _reached(
-                self.system, self.disturbance, np.array([k]), rows[None], self.certificate.window
-            )[0][0],
-        )
-
     def transition(self, k: int, steps: int) -> FloatArray:
         """Return Phi(k, k - steps), (n, n)."""
         phi, tick = np.eye(self.system.a.shape[1]), k

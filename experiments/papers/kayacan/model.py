@@ -4,14 +4,14 @@ With slip factors mu (driven wheels), kappa (front steering) and eta (trailer st
 
     x_t' = mu v cos(psi_t),   y_t' = mu v sin(psi_t),   psi_t' = mu v tan(kappa delta_t) / L_t
     x_i' = mu v cos(psi_i),   y_i' = mu v sin(psi_i)
-    psi_i' = mu v (sin(l) + s (L_d / L_t) tan(kappa delta_t) cos(l)) / L_i,   l = eta delta_i + beta
+    psi_i' = mu v (sin(l) + (L_d / L_t) tan(kappa delta_t) cos(l)) / L_i,   l = eta delta_i + beta
     v' = (K hp - v) / tau.
 
-With factors of 1 and s = +1 this is eq. (kinematicmodel) of Kayacan, Ramon and Saeys (2016), with
-lambda = beta + delta_i; s is `PaperEquations.hitch_sign`. That the NMPC of this vehicle has slip
-factors as parameters is in that paper; their places are from memory of Kayacan, Kayacan, Ramon and
-Saeys (2015), "Learning in centralized nonlinear model predictive control: application to an
-autonomous tractor-trailer system", IEEE Transactions on Control Systems Technology 23(1).
+With factors of 1 this is eq. (kinematicmodel) of Kayacan, Ramon and Saeys (2016) as printed, with
+lambda = beta + delta_i. That the NMPC of this vehicle has slip factors as parameters is in that
+paper; their places are from memory of Kayacan, Kayacan, Ramon and Saeys (2015), "Learning in
+centralized nonlinear model predictive control: application to an autonomous tractor-trailer
+system", IEEE Transactions on Control Systems Technology 23(1).
 """
 
 import math
@@ -31,11 +31,10 @@ _UNKNOWNS: Final = STATES + FACTORS
 _COLUMNS: Final = _UNKNOWNS + 3  # of derivatives: by states, factors, inputs
 
 
-def printed_parameters(vehicle: Vehicle, hitch_sign: int) -> FloatArray:
-    """Return L_t, s L_d, L_i [m], K [m/s] and tau [s] of the model, (5,)."""
-    lever = hitch_sign * vehicle.drawbar_offset
-    actuator = vehicle.speed_gain, vehicle.speed_time_constant
-    return np.array([vehicle.wheelbase, lever, vehicle.trailer_length, *actuator])
+def printed_parameters(vehicle: Vehicle) -> FloatArray:
+    """Return L_t, L_d, L_i [m], K [m/s] and tau [s] of the model, (5,)."""
+    lengths = vehicle.wheelbase, vehicle.drawbar_offset, vehicle.trailer_length
+    return np.array([*lengths, vehicle.speed_gain, vehicle.speed_time_constant])
 
 
 class PrintedModel:
@@ -47,12 +46,11 @@ class PrintedModel:
 
     Args:
         vehicle: its constants.
-        hitch_sign: see `PaperEquations`.
         period_s: control period [s].
     """
 
-    def __init__(self, vehicle: Vehicle, hitch_sign: int, period_s: float) -> None:
-        self._parameters = printed_parameters(vehicle, hitch_sign)
+    def __init__(self, vehicle: Vehicle, period_s: float) -> None:
+        self._parameters = printed_parameters(vehicle)
         self._period_s = period_s
 
     def evaluate(

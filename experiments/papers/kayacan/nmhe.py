@@ -61,7 +61,7 @@ class Estimator:
     def __init__(self, vehicle: Vehicle, sensor_noise: SensorNoise | None = None) -> None:
         self._vehicle = vehicle
         self._noise = sensor_noise or SensorNoise()
-        self._parameters = printed_parameters(vehicle, hitch_sign=1)
+        self._parameters = printed_parameters(vehicle)
         self._qp = PersistentSolver()
         self._readings: dict[Sensor, Measurement] = {}  # the newest of each sensor
         self._time_s = math.nan

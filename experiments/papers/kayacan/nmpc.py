@@ -10,13 +10,13 @@ else is assumed, and an option.
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ttempc.baselines.nmpc import GaussNewton
 from ttempc.baselines.nmpc_model import Task
-from ttempc.errors import InvalidReference, check_choice, check_count, check_positive
+from ttempc.errors import InvalidReference, check_positive
 from ttempc.guidance.controllers import parse_options
 from ttempc.laws.tracking_controller import FeedbackLaw, TrackingController
 from ttempc.mpc.articulated_error import rotation
@@ -32,8 +32,6 @@ _M = len(Input)
 _RUN_ON_M = 20.0  # of reference beyond the end of the path, for a vehicle that arrives early
 _NO_SLIP = np.ones(3)
 
-Target = Literal["fixed", "moving"]
-
 
 @dataclass(frozen=True)
 class PrintedNmpcOptions(HorizonTuning):
@@ -41,7 +39,7 @@ class PrintedNmpcOptions(HorizonTuning):
 
     Outputs are x, y of the tractor, x, y of the trailer [m] and the speed of the rims [m/s]. Bounds
     hold for delta_t, delta_i and hp themselves, step weights for the changes of delta_t, lambda
-    (or delta_i) and hp from period to period.
+    and hp from period to period.
 
     Raises:
         InvalidTuning: a value is out of its range.
@@ -53,21 +51,11 @@ class PrintedNmpcOptions(HorizonTuning):
     moves: int = 15
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0)
     input_bound: tuple[float, ...] = (math.radians(35.0), math.radians(20.0), 1.0)
-    look_ahead_m: float = 1.6  # from the nearest point of the path to the first target
-    # One target for the whole horizon, or one that moves on at the reference's speed.
-    target: Target = "fixed"
-    # Which of the two the trailer's step weight and rate hold for.
-    trailer_input: Literal["lambda", "delta_i"] = "lambda"
-    hitch_sign: Literal[1, -1] = 1  # +1 printed, -1 geometry (docs/errata.md, 1)
-    iterations: int = 1  # Gauss-Newton iterations a period, at most
+    look_ahead_m: float = 1.6  # from the nearest point of the path to the target
 
     def __post_init__(self) -> None:
         HorizonTuning.__post_init__(self)
         check_positive("look_ahead_m", self.look_ahead_m, zero=True)
-        check_choice("target", self.target, get_args(Target))
-        check_choice("trailer_input", self.trailer_input, ("lambda", "delta_i"))
-        check_choice("hitch_sign", self.hitch_sign, (1, -1))
-        check_count("iterations", self.iterations)
 
 
 class SpaceBasedTargets:
@@ -82,18 +70,15 @@ class SpaceBasedTargets:
         self._distance = grid.distance_m
         self._ticks = np.arange(len(v), dtype=float)
         self._projection = Projection(grid.state[:, :2])
-        moving = options.target == "moving"
-        self._ahead = np.arange(1.0, options.horizon + 1.0) * moving  # in ticks of the reference
-        self._look_ahead_m = options.look_ahead_m
+        self._look_ahead_m, self._horizon = options.look_ahead_m, options.horizon
 
     def at(self, x: float, y: float) -> FloatArray:
         """Return the targets (Np, 7) for a tractor point: see `PrintedModel`."""
         place = self._projection.place(x, y)
-        if self._look_ahead_m:
-            distance = np.interp(place, self._ticks, self._distance) + self._look_ahead_m
-            place = float(np.interp(distance, self._distance, self._ticks))
-        ticks = place + self._ahead
-        return np.stack([np.interp(ticks, self._ticks, column) for column in self._table], axis=1)
+        distance = np.interp(place, self._ticks, self._distance) + self._look_ahead_m
+        place = float(np.interp(distance, self._distance, self._ticks))
+        target = [np.interp(place, self._ticks, column) for column in self._table]
+        return np.tile(target, (self._horizon, 1))
 
 
 class PrintedFeedback(FeedbackLaw):
@@ -105,9 +90,9 @@ class PrintedFeedback(FeedbackLaw):
     def __init__(self, reference: Reference, period_s: float, options: PrintedNmpcOptions) -> None:
         self._options = options
         self._targets = SpaceBasedTargets(reference, period_s, options)
-        model = PrintedModel(reference.vehicle, options.hitch_sign, period_s)
+        model = PrintedModel(reference.vehicle, period_s)
         own: Any = model  # it has the shape of an `ArticulatedModel`
-        self._solver = GaussNewton(own, options, options.iterations)
+        self._solver = GaussNewton(own, options, iterations=1)
         limits = CommandLimits.of(reference.vehicle, period_s)
         bound = np.array(options.input_bound)
         self._lower, self._upper = np.maximum(-bound, limits.lower), np.minimum(bound, limits.upper)
@@ -129,7 +114,7 @@ class PrintedFeedback(FeedbackLaw):
         targets = self._targets.at(x, y)
         previous = sent.copy()
         previous[Input.DELTA_I] += beta
-        if options.trailer_input == "lambda" and self._lambda is not None:
+        if self._lambda is not None:
             previous[Input.DELTA_I] = self._lambda
         lower, upper = self._lower.copy(), self._upper.copy()
         lower[Input.DELTA_I] += beta

@@ -334,7 +334,7 @@ def _table(runner: Runner) -> Block:
         for k, row in enumerate(rows)
     ]
     out = {
-        machine: np.flatnonzero(inside & (np.abs(found / law - 1.0) > most)) + 1
+        machine: (np.flatnonzero(inside & (np.abs(found / law - 1.0) > most)) + 1).tolist()
         for machine, found in zip(wrong, others, strict=True)
     }
     refused = {machine for machine, found in zip(wrong, others, strict=True) if np.isnan(found[0])}

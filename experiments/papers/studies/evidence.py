@@ -515,7 +515,7 @@ def _mutations(runner: Runner) -> str:
 
 
 def turned_out(out: Mapping[Machine, Sequence[int]], refused: Iterable[Machine] = ()) -> str:
-    """Return how many rows each constant turns out, and which.
+    """Return how many rows each constant turns out, and which; last the constants that turn none.
 
     Args:
         out: numbers of the rows that each machine with a wrong constant turns out.
@@ -527,7 +527,9 @@ def turned_out(out: Mapping[Machine, Sequence[int]], refused: Iterable[Machine] 
         own = cells.setdefault(machine.constant, [f"`{machine.constant}`"])
         own.append("refused" if machine in refused else text)
     heads = ["constant", "30 % too small turns out", "30 % too large"]
-    return markdown(heads, cells.values())
+    idle = [name for name, *own in cells.values() if own == ["0", "0"]]
+    table = markdown(heads, (own for own in cells.values() if own[0] not in idle))
+    return f"{table}\n\nNo row: {', '.join(idle)}." if idle else table
 
 
 def page(items: Sequence[Evidence]) -> str:

@@ -69,7 +69,12 @@ def rays(runner: Runner) -> str:
 
 def ray_tables(reports: Sequence[Report]) -> list[str]:
     """Return the table of shares of rays survived, and that of the least severe failures."""
-    found = np.array([[_severity(ray.holds, ray.fails) for ray in own.rays] for own in reports])
+    found = np.array(
+        [
+            [1.0 if ray.fails is None else 0.5 * (ray.holds + ray.fails) for ray in own.rays]
+            for own in reports
+        ]
+    )
     lines, least = [], []
     for report, own in zip(reports, found, strict=True):
         held = [proportion(report.survived(x), len(own)) for x in _SEVERITIES]
@@ -98,10 +103,6 @@ def ray_tables(reports: Sequence[Report]) -> list[str]:
     if least:
         tables.append(markdown(("least severe failure", "severity", *keys, "end"), least))
     return tables
-
-
-def _severity(holds: float, fails: float | None) -> float:
-    return 1.0 if fails is None else 0.5 * (holds + fails)
 
 
 STUDIES: Final = (

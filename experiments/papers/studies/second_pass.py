@@ -1,11 +1,8 @@
 """Second lap on the same line, with and without a map of disturbances by place."""
 
-from functools import partial
 from typing import Final
 
 import numpy as np
-
-from ttempc.guidance.guidance import Guidance
 
 from ....testbed.recording.record import Recorder
 from ...run.assembly import assemble
@@ -23,17 +20,13 @@ _BETWEEN_ROWS: Final = ((6.0, 34.0), (88.0, 114.0))  # of a lap of `rows` [m]
 
 
 def second_lap(case: Case) -> Row:
-    """Return the cross-track figures of the second lap [m]: p95 and largest of each point.
-
-    The detectors are off: that of a drifting GNSS stops `rows` in its second turn.
-    """
+    """Return the cross-track figures of the second lap [m]: p95 and largest of each point."""
     options = ()
     if case.scenario == "rows" and "`ttempc`" in case["variant"]:
         options = ("controller.options.corridor=false",)  # at full speed
     _, scenario = load(case.scenario, (*case.overrides, *options))
     recorder = Recorder()
-    assembly = assemble(scenario, case.seed, guide=partial(Guidance, detect=False))
-    outcome = drive_into(recorder, assembly, prepared=False)
+    outcome = drive_into(recorder, assemble(scenario, case.seed), prepared=False)
     errors, lap_m = recorder.record()["/error"], scenario.mission().path.lap_m
     along = errors.time_s - lap_m  # at 1 m/s
     counted = along > 0.0

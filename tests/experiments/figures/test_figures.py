@@ -117,7 +117,7 @@ def test_the_tube_figure_shows_offsets_to_the_left_and_the_margin(run):
         band = next(each for each in axes.collections if each.get_label() == "tube")
         y = band.get_paths()[0].vertices[:, 1]
         assert (y.min(), y.max()) == pytest.approx((-100 * HALF_WIDTH_M, 100 * HALF_WIDTH_M))
-    facts = RunFacts("", "grass", "made-up", 0, "completed", None, 1.0, {}, None)
+    facts = RunFacts("", "grass", "made-up", 0, "completed", None, {}, None)
     counted = summarise(run, facts).tube  # one containment: that of summary and console
     assert margin.lines[0].get_ydata().min() == counted.margin_min
     (text,) = margin.texts

@@ -19,7 +19,7 @@ VEHICLE = Vehicle()
 def estimates(factors, noise, ticks=150, seed=1, gap=range(0)):
     """Drive the printed model with slip `factors`; return truth (ticks, 7) and estimates."""
     generator = np.random.default_rng(seed)
-    parameters, given = printed_parameters(VEHICLE, 1), np.array(factors)
+    parameters, given = printed_parameters(VEHICLE), np.array(factors)
     estimator = Estimator(VEHICLE)
     z = np.array([0.0, 0.0, 0.0, -2.4, 0.0, 0.0, 1.0])
     truth, found, command = [], [], None

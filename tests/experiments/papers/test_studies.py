@@ -7,12 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from proving_ground.experiments.papers.studies import (
-    containment,
-    faults,
-    laps,
-    widths,
-)
+from proving_ground.experiments.papers.studies import containment, faults, laps, widths
 from proving_ground.experiments.papers.study import Case, all_studies
 from proving_ground.experiments.results.tracking_errors import QUANTITIES
 from proving_ground.experiments.run.assembly import check

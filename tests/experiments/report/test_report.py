@@ -19,7 +19,6 @@ FACTS = RunFacts(
     seed=1,
     status="lost",
     failure="roll-over <at> the & fence",
-    wall_s=10.0,
     versions={"ttempc": "9.8"},
     log="log.mcap",
 )

@@ -18,7 +18,7 @@ from proving_ground.testbed.recording.record import REACTION, REACTION_ENDED, Ev
 
 from tests.records import circle, eight, record, straight, table_of
 
-FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")
+FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, {"ttempc": "0"}, "log.mcap")
 KEYS = (
     "mean_euclidean_m rms_m p95_m max_m along_mean_m along_sd_m cross_mean_m cross_sd_m cross_p95_m"
 )

@@ -69,7 +69,6 @@ def three_rows(tmp_path_factory):
 
 @pytest.fixture
 def begun(three_rows, tmp_path):
-    """A folder of three rows, to spoil."""
     return shutil.copytree(three_rows, tmp_path / three_rows.name)
 
 

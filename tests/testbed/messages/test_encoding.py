@@ -9,12 +9,12 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from proving_ground.testbed.geodesy import ORIGIN_DEG
+from proving_ground.testbed.geodesy import ORIGIN_DEG, degrees
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
 from proving_ground.testbed.messages.encoding import (
-    encode_fixes,
     encode_poses,
+    fix_template,
     quaternions,
     single,
     transforms_template,
@@ -63,7 +63,8 @@ def test_attitudes_are_yaw_then_pitch_then_roll():
 
 
 def test_a_fix_lies_where_the_ellipsoid_says():
-    (data,) = encode_fixes("tractor", np.array([127 * 10**9 + 5]), np.array([[40.0, 30.0]]))
+    at = degrees(np.array([[40.0, 30.0]]))
+    (data,) = fix_template("tractor").fill(at, np.array([127 * 10**9 + 5]))
     fix = LocationFix.FromString(data.tobytes())
     assert (fix.frame_id, fix.timestamp.ToNanoseconds()) == ("tractor", 127 * 10**9 + 5)
     north, east = fix.latitude - ORIGIN_DEG[0], fix.longitude - ORIGIN_DEG[1]

@@ -51,7 +51,6 @@ def step(tyres, ground, cone_index, wheels, deflection, dt, law=LAW):
 
 
 def one(tyres, index=2) -> Tyres:
-    """The rear left tyre alone."""
     return Tyres(
         **{name: getattr(tyres, name)[index : index + 1] for name in Tyres.__dataclass_fields__}
     )
@@ -156,7 +155,6 @@ def test_steady_side_force_is_the_lateral_equation_and_opposes_the_drift(
 
 
 def alike(tyres, n) -> Tyres:
-    """The rear left tyre n times."""
     return Tyres(
         **{name: np.repeat(getattr(tyres, name)[2], n) for name in Tyres.__dataclass_fields__}
     )

@@ -378,6 +378,18 @@ def test_a_drift_is_a_slip_that_no_slope_has(slips, noticed):
     assert first_alarm(DetectorIndex.DRIFT, 600, lambda k: estimates(k, 0.0, slips))[0] is None
 
 
+@pytest.mark.parametrize(("side", "noticed"), [(-0.045, False), (0.0, True)])
+def test_wheels_slip_less_than_nothing_down_a_slope_or_with_a_drift(side, noticed):
+    monitors, names = Monitors(), set()
+    monitors.record.view(MONITORS)["present"][0, DetectorIndex.MOTION, 3] = 0.9  # planned [m/s]
+    for k in range(300):
+        turned = k >= 200
+        seen = estimates(k, 0.0, (0.0, side, 0.0, -1.8 * side), -1.5 * turned, side - 1e-3)
+        seen.estimate.disturbance[4] = -0.08 * turned
+        names |= {alarm.detector for alarm in observed(monitors, seen)}
+    assert ("drift" in names) is noticed
+
+
 def test_the_protection_level_has_the_risk_of_a_rayleigh_distribution():
     levels = []
     for sd in (0.1, 0.2):

@@ -72,7 +72,6 @@ def sent(recorded):
 
 
 def drive(learner, ticks, wait=True):
-    """Return what was learnt by tick."""
     learnt = {}
     for k in ticks:
         if wait:
