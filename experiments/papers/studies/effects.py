@@ -59,9 +59,9 @@ def _table(frame: pd.DataFrame) -> str:
             else:
                 found = mean(change)
                 cells.append(f"{found.value:+.2f} ± {found.value - (found.low or 0.0):.2f}")
-        means = own.mean().where(own.notna().all(), math.inf)[[*_CONTROLLERS]].sort_values()
+        means = {c: own[c].mean() if own[c].notna().all() else math.inf for c in _CONTROLLERS}
         order, least = "", -math.inf
-        for name, value in means.items():
+        for name, value in sorted(means.items(), key=lambda item: item[1]):
             order += (" = " if value - least < _EQUAL or value == least else " < ") * bool(order)
             least = least if order.endswith("= ") else value
             order += f"`{name}`"

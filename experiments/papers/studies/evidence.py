@@ -175,7 +175,7 @@ class Machine:
     @property
     def implement(self) -> Implement:
         """Tool of the machine."""
-        own = {key: value * self.share(f"implement.{key}") for key, value in _TOOL.items()}
+        own: dict[str, Any] = {k: x * self.share(f"implement.{k}") for k, x in _TOOL.items()}
         return Implement(type="field-cultivator", depth_m=0.10, **own)
 
     def bench(self) -> Bench:

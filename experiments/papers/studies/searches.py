@@ -57,7 +57,9 @@ def hunt(task: Hunt, path: str = HEADLAND) -> Report:
 def rays(runner: Runner) -> str:
     """Return the severities of failure by question."""
     (seed,) = report_seeds(1)
-    tasks = [Hunt(name, *what, seed) for *what, names in HUNTED.values() for name in names]
+    tasks = [
+        Hunt(name, words, limit, seed) for words, limit, names in HUNTED.values() for name in names
+    ]
     reports = iter(runner.map(hunt, tasks))
     parts = []
     for title, (words, limit, names) in HUNTED.items():
