@@ -159,6 +159,7 @@ _STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes
 _ALLOWANCE: Final = math.radians(1.25)  # of steering
 _STEERING: Final = 0.060  # [rad] of any valve
 _STANDSTILL: Final = 0.035  # [rad] of one that stands still
+_COLD: Final = 0.6  # least share of the flow that a valve has, as with cold oil; assumed
 # Dead time beyond that of the model, not learnt yet: three periods of the paper; assumed.
 _UNKNOWN_S: Final = 0.6
 _INTERVAL_S: Final = 0.1  # of dead times that share a residual
@@ -203,9 +204,11 @@ MONITORS: Final = np.dtype(
         ("encoder", "f8", (1, 1 + 602, 3)),  # speed [m/s], forward in the gear
         ("speed_sums", "f8", (2, 2)),  # of motion and wheels: above, below
         # By axis, front and trailer:
-        ("response", "f8", (2, 1 + 402, 3)),  # [rad] of the model without a dead time
+        # [rad] of the model without a dead time, and with the least flow
+        ("response", "f8", (2, 1 + 402, 3)),
         ("valve", "f8", 2),  # [rad], its state
         ("angle", "f8", 2),  # [rad]
+        ("slow", "f8", (2, 2)),  # [rad] both with the least flow
         ("mean", "f8", (2, _TICKS)),  # of the samples of the last ticks [rad]
         ("moved", "f8", 2),  # range of these means
         ("sample", "f8", 2),  # the last one [rad]
@@ -633,18 +636,21 @@ def _observe_steering(
     s.steered_s = max(now, s.steered_s)
     for axis in range(axes):
         response, dead_time = s.response[axis], parameters[VehicleParameter.DEAD_TIME_T + axis]
-        valve, angle, scale = s.valve[axis], s.angle[axis], s.scale[axis]
+        valve, angle, scale, slow = s.valve[axis], s.angle[axis], s.scale[axis], s.slow[axis]
         count = int(response[0, 0])
         if sent and count:
             at, oldest = response[count, 0], now - dead_time - _UNKNOWN_S - _KEPT_S
             steps = min(max(1, math.ceil((now - at) / _STEP_S - 1e-9)), _MOST_STEPS)
             step = (now - at) / steps
-            share = 1.0 - math.exp(-step / parameters[VehicleParameter.STEERING_LAG_T + axis])
+            lags = step / parameters[VehicleParameter.STEERING_LAG_T + axis]
+            share, less = 1.0 - math.exp(-lags), 1.0 - math.exp(-_COLD * lags)
             reach = parameters[VehicleParameter.STEERING_RATE_T + axis] * step
             for n in range(steps):
                 valve = min(max(command[axis], valve - reach), valve + reach)
                 angle += share * (valve - angle)
-                count = _remember(response, oldest, at + (n + 1) * step, angle, 0.0)
+                slow[0] += min(max(command[axis] - slow[0], -_COLD * reach), _COLD * reach)
+                slow[1] += less * (slow[0] - slow[1])
+                count = _remember(response, oldest, at + (n + 1) * step, angle, slow[1])
             s.valve[axis], s.angle[axis] = valve, angle
 
         mean, number, earliest, latest = 0.0, 0, math.inf, -math.inf
@@ -665,8 +671,8 @@ def _observe_steering(
             continue
         mean /= number
         if angle != angle:
-            s.valve[axis] = s.angle[axis] = mean
-            _remember(response, -math.inf, now, mean, 0.0)
+            s.valve[axis] = s.angle[axis] = slow[0] = slow[1] = mean
+            _remember(response, -math.inf, now, mean, mean)
             s.compared_s[axis] = now
             continue
         means, low, high = s.mean[axis], mean, mean
@@ -684,10 +690,11 @@ def _observe_steering(
             while last > 0 and response[last, 0] > latest - delay:
                 last -= 1
             known = known and response[1, 0] <= earliest - delay and first <= last
-            total = 0.0
-            for entry in range(first, last + 1):
-                total += response[entry, 1]
-            s.workspace[n] = total / (last + 1 - first)
+            for which in range(2):
+                total = 0.0
+                for entry in range(first, last + 1):
+                    total += response[entry, 1 + which]
+                s.workspace[n + which * (_INTERVALS + 1)] = total / (last + 1 - first)
         if not known:
             continue
         sums = s.intervals[axis]
@@ -703,7 +710,9 @@ def _observe_steering(
         s.scale[axis] = scale = max(1.0, play, noise / _QUIET)
         for n in range(intervals):
             low, high = s.workspace[n], s.workspace[n + 1]
-            residual = mean - min(max(mean, min(low, high)), max(low, high))
+            late, later = s.workspace[n + _INTERVALS + 1], s.workspace[n + _INTERVALS + 2]
+            low, high = min(low, high, late, later), max(low, high, late, later)
+            residual = mean - min(max(mean, low), high)
             sums[n, 2] = residual = residual / scale
             for side in range(2):
                 total = sums[n, side] + residual - _ALLOWANCE
@@ -817,13 +826,14 @@ def observe_monitors(
     Steering: a measured angle against the response of the model to the commands, which has the rate
     limit and the lag learnt so far. The dead time may not be learnt yet, or wrongly: each interval
     of possible ones has a residual of its own, the distance of the mean sample of a tick from what
-    the response has covered in it, and a sum. A healthy valve agrees with one of the intervals for
-    good, a stuck valve with none: the statistic is the least of the sums [rad]. An interval that
-    the valve contradicts while it follows another is refuted for a minute, or until the valve moves
-    as it says and as no other. Standstill, as of a stuck valve, counts the others alone, and is 0
-    while the angle moves, so that it is earlier; commands that are late or lost for a moment show
-    as well. The allowance grows with the noise of the mean, where it is above that of the paper's
-    sensor, and is at least twice the root mean square of the residuals of a valve with play.
+    the response has covered in it, at full or at the least flow, and a sum. A healthy valve agrees
+    with one of the intervals for good, a stuck valve with none: the statistic is the least of the
+    sums [rad]. An interval that the valve contradicts while it follows another is refuted for a
+    minute, or until the valve moves as it says and as no other. Standstill, as of a stuck valve,
+    counts the others alone, and is 0 while the angle moves, so that it is earlier; commands that
+    are late or lost for a moment show as well. The allowance grows with the noise of the mean,
+    where it is above that of the paper's sensor, and is at least twice the root mean square of the
+    residuals of a valve with play.
 
     Innovations: the sum S of the normalised squared innovations of a sensor over a second. For a
     consistent filter it is chi-square with n degrees of freedom, the entries of all samples. The
