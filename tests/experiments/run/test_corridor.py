@@ -22,7 +22,7 @@ from tests.testbed.truths import moments, truth
 from ttempc.errors import InvalidTuning
 from ttempc.reference.corridor import Corridor
 
-FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {}, None)
+FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, {}, None)
 BEHIND = 2.4
 ONE = np.ones(1)
 

@@ -201,7 +201,7 @@ def test_containment_is_counted_on_the_truth():
     contained = containment(record)
     np.testing.assert_allclose(contained.deviation[:, :7], true[40:], atol=1e-9)
     assert contained.curved.any()
-    facts = RunFacts("", NAME, "made-up", 0, "completed", None, 1.0, {}, None)
+    facts = RunFacts("", NAME, "made-up", 0, "completed", None, {}, None)
     statistics = summarise(record, facts).tube
     assert statistics is not None
     assert statistics.contained_fraction == pytest.approx(0.75, abs=0.01)
