@@ -100,6 +100,8 @@ class MpcOptions(HorizonTuning):
 class NominalOptions(MpcOptions):
     """Options of `ttempc-nominal`."""
 
+    # As of `MpcOptions`; the front wheels near their stop, of which entries settle 0.5 m earlier
+    input_bound: tuple[float, ...] = (math.radians(32.0), math.radians(20.0), 0.5)
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
     corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
     hitch_limit_deg: float = 45.0  # largest |beta| of plans; that of the corridor where less
