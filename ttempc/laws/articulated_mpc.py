@@ -65,7 +65,7 @@ class MpcOptions(HorizonTuning):
     input_bound: tuple[float, ...] = (math.radians(25.0), math.radians(20.0), 0.5)
     # tau of y + tau y', which is in the place of the cross-track errors y in the cost while the
     # vehicle enters its line from beside it; of an NMPC always [s]
-    damping_s: float = 0.6
+    damping_s: float = 1.5
 
     def __post_init__(self) -> None:
         HorizonTuning.__post_init__(self)
