@@ -413,7 +413,7 @@ _COLUMNS: Final = (  # head of the table, figure of `TrialScore`, factor, decima
     ("front [deg/m]", "front_rad_per_m", math.degrees(1.0), 1),
     ("trailer [deg/m]", "trailer_rad_per_m", math.degrees(1.0), 1),
     ("hydrostat [%/m]", "hydrostat_per_m", 100.0, 1),
-    ("step p99 [us]", "step_p99_us", 1.0, 0),
+    ("step p99 [µs]", "step_p99_us", 1.0, 0),
 )
 
 
