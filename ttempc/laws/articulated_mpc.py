@@ -204,6 +204,9 @@ _RESPONSE_S: Final = 0.8
 # across the path on which the MPC acts, and the limit along it; tuned on entries
 _CAPTURE: Final = math.radians(25.0)
 _AHEAD_M: Final = 0.3
+_TRACTOR: Final = (
+    0.55  # of the tractor's error across there, which swings the bodies else; tuned so
+)
 
 
 def articulated_controller(
@@ -265,6 +268,7 @@ def articulated_controller(
     hitch = hitch_bounds(course.grid, course.vehicle, limit, spread, front, a, period_s)
     soft = hitch.beside(soft)
     entry = damped(a, c, period_s, options.damping_s)
+    entry[:, 1] *= _TRACTOR if vehicle.reverse else 1.0
     # the rows that change: along a long reference these matrices are the largest
     a, b = a[:, : len(State)].copy(), b[:, : len(State)].copy()
     horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, entry)
