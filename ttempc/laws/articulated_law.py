@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,9 +13,9 @@ from ..models.augmented_state import MAPPED
 from ..mpc.articulated_error import PredictedPath, write_error
 from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
 from ..mpc.qp import UNSOLVED
-from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State, TubeReport
+from ..types import Diagnostics, FloatArray, Input, SolverReport, State, TubeReport
 from ..vehicle import Vehicle
-from .tracking_controller import FeedbackLaw
+from .tracking_controller import FeedbackLaw, View
 
 _N, _M = len(State), len(Input)
 NOMINAL: Final = 0
@@ -373,14 +372,7 @@ class ArticulatedLaw(FeedbackLaw):
             self.mpc.work.entering[:] = previous.mpc.work.entering
             self.field = previous.field
 
-    def act(
-        self,
-        k: int,
-        row: FloatArray,
-        view: Callable[[], Estimate],
-        sent: FloatArray,
-        tick: FloatArray,
-    ) -> None:
+    def act(self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray) -> None:
         self._last, self.report = (row, sent), None
         self._drive(k, self.mpc.work, self._memory, tick)
 
