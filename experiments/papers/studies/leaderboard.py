@@ -22,9 +22,10 @@ from ...results.statistics import resampled_means
 from ...seeds import CHECKS
 from ...sweep_report.format import format_numbers
 from ...trials.bench import Entrant, bench
-from ...trials.definition import trial_files
+from ...trials.definition import trial_files, weights
 from ...trials.score_card import (
     LOSS_M,
+    MARGIN,
     PUBLIC,
     Interval,
     ScoreCard,
@@ -33,7 +34,6 @@ from ...trials.score_card import (
     overall,
     public_draws,
     read_score_card,
-    weights,
 )
 from ..pages import ROOT
 from ..runner import Runner
@@ -46,22 +46,23 @@ CARDS: Final = "field-trials"
 SHIPPED: Final = (
     ("ttempc",),
     ("ttempc", "controller.options.tightening=none"),
+    ("ttempc", "controller.options.robust=false"),
     ("ttempc", "controller.learn=false"),
+    ("ttempc", "controller.detect=false"),
+    ("ttempc", "controller.compensate=false"),
     ("ttempc-nominal",),
-    ("pid",),
-    ("lqr",),
-    ("nmpc",),
     ("nmpc-rti",),
-    ("paper",),
+    ("lqr",),
+    ("pid",),
 )
-"""Shipped controllers with changes as of `--set`."""
+"""Shipped controllers, and parts of the default switched off, as of `--set`."""
 
-OTHERS: Final = (("geometric:Stanley",), ("geometric:PurePursuit",))
+OTHERS: Final = (("geometric:Stanley",),)
 """Controllers of docs/examples, written against the public interface, that drive in a minute."""
 
 
-SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc", "nmpc-rti", "lqr", "pid")
-"""Controllers on which the trials' power to separate is measured."""
+SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc-rti", "lqr", "pid", "geometric:Stanley")
+"""Controllers of six laws, on which the trials' power to separate is measured."""
 
 _SEPARATED: Final = 3.0  # |t| of a paired difference of costs
 
@@ -135,7 +136,7 @@ def make_power(runner: Runner) -> Block:
         found = [compare_cards(cards[one], cards[other]) for cards in (first, second)]
         ratios = (Interval(**item["ratio"]).text(1.0, ".3f") for item in found)
         said = (item["verdict"] for item in found)
-        verdicts.append((f"`{SERIOUS[other]}` / `{SERIOUS[one]}`", *ratios, *said))
+        verdicts.append((f"`{entry(first[other])}` / `{entry(first[one])}`", *ratios, *said))
     heads = [f"seeds {format_numbers(seeds)}" for seeds in sets]
     return Block(
         "\n\n".join(
@@ -190,7 +191,7 @@ def entry(card: ScoreCard) -> str:
 
 
 def headline(cards: Mapping[str, ScoreCard]) -> Block:
-    """Return the short table of README from the cards of `HEADLINE`, the geometric mean last."""
+    """Return the short table of README from the cards of `HEADLINE`, and who is ahead where."""
     shown = [cards[name] for name in HEADLINE]
     lines = [
         (
@@ -205,12 +206,30 @@ def headline(cards: Mapping[str, ScoreCard]) -> Block:
     footer = (
         f"<sub>Cards of the simulated benchmark `{first.identifier}`: mean over "
         f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
-        f"not complete counts {LOSS_M:g} m, trials are weighted; `ttempc bench NAME`; "
+        f"not complete counts {LOSS_M:g} m, trials are weighted; level: within {MARGIN:.0%} or not "
+        "told apart; `ttempc bench NAME`; "
         "[all entries and intervals](docs/results.md#benchmark)</sub>"
     )
-    return Block(
-        markdown(heads, [*lines, ("all, weighted geometric mean", *overall)]), footer=footer
-    )
+    lines += [
+        ("all, weighted geometric mean", *overall),
+        (f"not completed, of {first.score.runs}", *(f"{c.score.not_completed}" for c in shown)),
+    ]
+    said = "\n".join(_beside(first, card) for card in shown[1:])
+    return Block(f"{markdown(heads, lines)}\n\n{said}", footer=footer)
+
+
+def _beside(first: ScoreCard, other: ScoreCard) -> str:
+    """Return the ratio of the costs of another entry to the first, and where it is as good."""
+    found = compare_cards(first, other)
+    places: dict[str, list[str]] = {"ahead": [], "level": [], "behind": []}
+    for name, trial in found["trials"].items():
+        ends = (trial["difference_m"][end] or 0.0 for end in ("low", "high"))
+        low, high = (end / trial["first_m"] for end in ends)
+        where = "behind" if low > MARGIN else "ahead" if high < -MARGIN else "level"
+        places[where].append(f"`{name}`")
+    parts = "; ".join(f"{how} in {', '.join(names)}" for how, names in places.items() if names)
+    ratio = Interval(**found["ratio"]).text(1.0, ".3f")
+    return f"- `{entry(other)}`: cost {ratio} times that of `{entry(first)}`; {parts}."
 
 
 def leaderboard(cards: Sequence[ScoreCard]) -> str:

@@ -77,8 +77,6 @@ def test_tables_show_where_the_rival_is_better_and_no_mean_over_lost_runs(rows):
     assert len(cells) == 7 + len(ACTUATOR_USE)
     assert line(text, "`old-valves`")[3].endswith("<")
     assert line(text, "`old-valves`")[4] == "5 of 5 lost"
-    published = line(module.errors(rows), "published (field)")
-    assert published[1:5] == ["23.49", "21.21", "39.82", "36.21"]
 
 
 def test_sweeps_stand_side_by_side_with_the_paired_difference(rows):
@@ -86,7 +84,7 @@ def test_sweeps_stand_side_by_side_with_the_paired_difference(rows):
     for name in module.SWEEPS:
         cells = line(text, f"`{name}`")
         assert cells[1] == str(len(rows))
-        assert cells[5].endswith("5 of 20 lost")
+        assert any(cell.endswith("5 of 20 lost") for cell in cells)
         assert cells[-1].endswith("of 20")
 
 
@@ -106,12 +104,14 @@ def test_readme_results_and_score_cards_order_controllers_alike_or_readme_says_s
     cards = leaderboard.shipped_cards()
     made = leaderboard.headline(cards)
     assert f"{made.text}\n\n{made.footer}" == blocks(readme)["headline"].strip()
-    short = costs(made.text)
+    table, said = made.text.split("\n\n")
+    short = costs(table)
     tables = [part for part in results.split("\n\n") if part.startswith("|")]
     by_entry = costs(tables[1])
     now = [card for card in cards.values() if card.identifier == cards["ttempc"].identifier]
     assert leaderboard.leaderboard(now).split("\n\n")[4] == tables[1]
-    prose = readme.replace(made.text, "")
+    prose = readme.replace(table, "")
+    assert [line.count("`ttempc`") for line in said.splitlines()] == [1, 1, 1]
     for name in leaderboard.trial_files():
         own = {entry: row[name] for entry, row in by_entry.items()}
         for one, other in itertools.permutations(short[name], 2):
