@@ -47,8 +47,7 @@ class NoiseSettings:
     """Standard deviations that the estimator assumes; absent: those of `assumed`.
 
     Errors are taken for white but for the slow part of GNSS and the bias of a gyro, GNSS samples
-    for those of the axle point unless the height of the antenna is given. The error of the attitude
-    acts at that height, whoever corrects.
+    for those of the axle point unless the height of the antenna is given.
     """
 
     assumed: Literal["sensors", "paper"] = "sensors"
@@ -76,7 +75,7 @@ class NoiseSettings:
     yaw_rate_bias_sd_degps: Positive | None = None
     """Bias of this yaw rate at the start."""
     antenna_height_t_m: NotNegative = 0.0
-    """Antenna of the tractor above the axle point; where raw, the filter corrects its position."""
+    """Antenna of the tractor above the axle point; raw positions are corrected with the IMU."""
     antenna_height_i_m: NotNegative = 0.0
     """The same of the trailer."""
 
@@ -88,7 +87,6 @@ class NoiseSettings:
         """Return the noise that the estimator assumes; the sensors give the absent keys."""
         values = self._values(sensors)
         angle = math.radians(values["angle_sd_deg"])
-        of = "corrected" if sensors.gnss_antenna == "corrected" else "antenna"
         return SensorNoise(
             gnss=values["gnss_sd_m"],
             angle_offset=math.radians(values["angle_offset_sd_deg"]),
@@ -102,10 +100,8 @@ class NoiseSettings:
             gnss_float=values["gnss_float_sd_m"],
             yaw_rate=math.radians(values["yaw_rate_sd_degps"]),
             yaw_rate_bias=math.radians(values["yaw_rate_bias_sd_degps"]),
-            **{
-                f"{of}_height_t": self.antenna_height_t_m,
-                f"{of}_height_i": self.antenna_height_i_m,
-            },
+            antenna_height_t=self.antenna_height_t_m,
+            antenna_height_i=self.antenna_height_i_m,
             attitude=max(math.radians(sensors.imu.angle_sd_deg), _MIN_SD),
             attitude_bias=max(math.radians(sensors.imu.angle_bias_sd_deg), _MIN_SD),
         )

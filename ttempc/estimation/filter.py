@@ -876,7 +876,7 @@ def filter_parameters(
     lengths = {sensor: LENGTH.get(sensor, 1) for sensor in Sensor}  # of a gyro, its yaw rate
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
-    f["vehicle"] = vehicle_parameters(vehicle, not sensors.angle_offset, sensors.angle_offset > 0.0)
+    f["vehicle"] = vehicle_parameters(vehicle, not sensors.angle_offset)
     f["fading"] = process.fading(sensors).ravel()
     f["rates"] = process.rates(sensors)
     f["walk"], f["gyro_sampling"] = process.scale_walk**2, process.gyro_sampling**2

@@ -37,9 +37,6 @@ class SensorNoise:
     # IMUs; 0 where a receiver reports the axle point
     antenna_height_t: float = 0.0
     antenna_height_i: float = 0.0
-    # The same where the receiver corrects the tilt: of its attitude's error alone
-    corrected_height_t: float = 0.0
-    corrected_height_i: float = 0.0
     attitude: float = math.radians(0.2)  # roll and pitch of the IMUs [rad]; assumed
     attitude_bias: float = math.radians(0.3)  # constant part of their error [rad]; assumed
     angle_offset: float = 0.0  # offset of a sensor of an angle, over runs [rad]; 0: none
@@ -60,12 +57,6 @@ class SensorNoise:
             )
 
     @property
-    def _heights(self) -> tuple[float, float]:
-        """Heights at which an error of the attitude acts, whoever corrects [m]."""
-        tractor = self.antenna_height_t + self.corrected_height_t
-        return tractor, self.antenna_height_i + self.corrected_height_i
-
-    @property
     def slow_variance(self) -> float:
         """Variance of half the sum of both receivers' slow errors along an axis [m^2]."""
         return 0.5 * (1.0 + self.gnss_shared) * (1.0 - self.gnss_white_share) * self.gnss**2
@@ -82,12 +73,12 @@ class SensorNoise:
     @property
     def lean_bias(self) -> float:
         """Deviation of what a bias of both attitudes moves one antenna beside the other [m]."""
-        return math.hypot(*self._heights) * self.attitude_bias
+        return math.hypot(self.antenna_height_t, self.antenna_height_i) * self.attitude_bias
 
     @property
     def position_variance(self) -> float:
         """Variance of the tractor point along an axis [m^2] that no sample can reduce."""
-        return self.slow_variance + (self._heights[0] * self.attitude_bias) ** 2
+        return self.slow_variance + (self.antenna_height_t * self.attitude_bias) ** 2
 
     @property
     def gnss_forgets(self) -> tuple[float, float]:
@@ -104,7 +95,7 @@ class SensorNoise:
         match sensor:
             case Sensor.GNSS_TRACTOR | Sensor.GNSS_TRAILER:
                 tractor = sensor is Sensor.GNSS_TRACTOR
-                height = self._heights[0 if tractor else 1]
+                height = self.antenna_height_t if tractor else self.antenna_height_i
                 white = self.gnss * math.sqrt(self.gnss_white_share)
                 return math.hypot(white, height * self.attitude)
             case Sensor.STEERING_TRACTOR | Sensor.STEERING_TRAILER:
@@ -131,7 +122,7 @@ SCALES: Final = len(NoiseScale)
 SCALE_RANGE: Final = ((1e-3, 100.0), (1e-3, 2.0), (1e-1, 1e4))
 """Least and largest value of each factor that a filter learns; assumed."""
 
-_OFFSET_WALK: Final = 0.04  # of an angle's offset in a metre, of its size [1/sqrt(m)]; assumed
+_OFFSET_WALK: Final = 0.02  # of an angle's offset in a metre, of its size [1/sqrt(m)]; assumed
 _VEHICLE: Final = slice(AugmentedState.X, AugmentedState.DELTA_T)
 _STEERING: Final = slice(AugmentedState.DELTA_T, AugmentedState.RIM)
 
@@ -236,8 +227,7 @@ class ProcessNoise:
         (per_second, per_metre), state = deviations, AugmentedState
         per_second[0, [state.RIM, state.DRIVE]] = self.drive, self.drive_walk
         per_second[1 + NoiseScale.VALVES, _STEERING] = self.steering, self.steering_i
-        offset_walk = _OFFSET_WALK * sensors.angle_offset
-        per_metre[0, state.STEERING] = math.hypot(self.steering_walk, offset_walk)
+        per_metre[0, state.STEERING] = self.steering_walk
         ground, wheel = per_metre[1 + NoiseScale.GROUND], per_metre[1 + NoiseScale.WHEEL]
         ground[[state.SLIP_T, state.SLIP_I]] = self.slip_walk
         ground[[state.SIDE_X, state.SIDE_Y]] = self.side_walk
@@ -251,7 +241,7 @@ class ProcessNoise:
         ):
             for half, rate in zip(deviations, sensors.gnss_forgets, strict=True):
                 half[0, entries] = math.sqrt(2.0 * variance * rate)  # Gelb 1974, sec. 3.6
-        per_metre[0, [state.OFFSET_I, state.OFFSET_HITCH]] = offset_walk
+        per_metre[0, [state.OFFSET_I, state.OFFSET_HITCH]] = _OFFSET_WALK * sensors.angle_offset
         if not sensors.angle_offset:
             wheel[state.OFFSET_I] = self.joint_walk
         if sensors.yaw_rate:

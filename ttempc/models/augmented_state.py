@@ -106,7 +106,7 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (17,).
+    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (16,).
     """
     e = record(estimate, ESTIMATE)
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -183,7 +183,6 @@ class VehicleParameter(IntEnum):
     DEAD_TIME_HP = 13
     REVERSE = 14  # 1 or 0
     JOINT = 15  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
-    OFFSET = 16  # likewise: 1 where the sensor of the front angle has an offset, `STEERING` less it
 
 
 class SensorIndex(IntEnum):
@@ -199,12 +198,12 @@ class SensorIndex(IntEnum):
     IMU_TRAILER = 7
 
 
-def vehicle_parameters(vehicle: Vehicle, joint: bool = False, offset: bool = False) -> FloatArray:
-    """Return the parameters of a vehicle in the order of `VehicleParameter`, (17,), SI units."""
-    return np.array([*(getattr(vehicle, name) for name in _PARAMETERS), joint, offset], dtype=float)
+def vehicle_parameters(vehicle: Vehicle, joint: bool = False) -> FloatArray:
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (16,), SI units."""
+    return np.array([getattr(vehicle, name, joint) for name in _PARAMETERS], dtype=float)
 
 
-_PARAMETERS: Final = tuple(item.name.lower() for item in VehicleParameter)[:-2]
+_PARAMETERS: Final = tuple(parameter.name.lower() for parameter in VehicleParameter)
 
 
 @cached_njit(error_model="numpy")
@@ -218,10 +217,7 @@ def _steering(
     lag = parameters[VehicleParameter.STEERING_LAG_T + joint]
     limit = parameters[VehicleParameter.STEERING_RATE_T + joint]
     rate = (inputs[joint] - x[AugmentedState.DELTA_T + joint]) / lag
-    if joint:
-        rate += parameters[VehicleParameter.JOINT] * x[AugmentedState.OFFSET_I] / lag
-    else:
-        rate -= parameters[VehicleParameter.OFFSET] * x[AugmentedState.STEERING] / lag
+    rate += joint * parameters[VehicleParameter.JOINT] * x[AugmentedState.OFFSET_I] / lag
     if abs(rate) >= limit:
         return math.copysign(limit, rate), 0.0
     return rate, 1.0 / lag
@@ -315,8 +311,6 @@ def state_rate_jacobian(
     jacobian[AugmentedState.PSI_I, AugmentedState.STEERING] = yaw_i_delta_t
     jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_I] = yaw_i_delta_i
     jacobian[AugmentedState.DELTA_T, AugmentedState.DELTA_T] = -gain_t
-    by_offset = -gain_t * parameters[VehicleParameter.OFFSET]
-    jacobian[AugmentedState.DELTA_T, AugmentedState.STEERING] = by_offset
     jacobian[AugmentedState.DELTA_I, AugmentedState.DELTA_I] = -gain_i
     beside = gain_i * parameters[VehicleParameter.JOINT]
     jacobian[AugmentedState.DELTA_I, AugmentedState.OFFSET_I] = beside
