@@ -63,10 +63,10 @@ INPUTS: Final = (  # field, label, factor from the field's unit to the label's
     ("hp", "hydrostat position [%]", 100.0),
 )
 _ACTIONS: Final = (  # field, label, colour (the paper's roles: cyan, red, blue, black), line
-    ("feedforward", "feedforward", SKY, (0, (6, 1))),
-    ("feedback", "feedback", RED, "-"),
-    ("robust", "robust", BLUE, (0, (1.5, 1.5))),
     ("command", "total, as sent", BLACK, "-"),
+    ("feedforward", "feedforward", SKY, (0, (3, 3))),
+    ("feedback", "feedback", RED, (0, (6, 2))),
+    ("robust", "robust", BLUE, (0, (1.5, 1.5))),
     ("total", "total, before limits", GREY, (0, (3, 2))),
 )
 # Of equal lines both are seen: gaps of a later one show those below it, in grey print too.
@@ -232,13 +232,14 @@ def _draw_offset(
 def signals_figure(record: Record) -> Figure:
     """Return feedforward, feedback, robust and total action of each input with its bounds.
 
-    A controller that returns commands without such parts has the command alone.
+    Parts that a controller does not have, or that are zero throughout, are left out.
     """
     table = record[CONTROL]
     given = [
         action
         for action in _ACTIONS
-        if any(np.isfinite(_shown(table, name, action[0])).any() for name, _, _ in INPUTS)
+        if action[0] == "command"
+        or any(np.nan_to_num(_shown(table, name, action[0])).any() for name, _, _ in INPUTS)
     ]
     figure, rows = stacked(3, 2.1)
     for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
@@ -354,8 +355,7 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 
 CAPTIONS: Final = {
     "path": "Reference and driven paths.",
-    "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
-    "Hatched: not counted in the means.",
+    "error": "Distance to the time-based reference, and its means.",
     "cross-track": "Error to the left of the reference over the length of the path.",
     "signals": "The three actions, the command sent, and their sum where a limit cuts it. Dashed: "
     "the vehicle's bounds, where they are near.",

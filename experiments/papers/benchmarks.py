@@ -106,13 +106,13 @@ def ticks(overrides: Sequence[str] = ("path.laps=1",)) -> list[Figure]:
         drive_into(recorder, assembly, on_tick=wait, prepared=prepared)
         update, step, qp = recorder.record()[TIMING].values[1:, :3].T  # the first tick sets up
         for name, share in quantiles.items():
-            found.append(Figure(f"step, {kind}, {name}", float(np.quantile(step, share)), "us"))
+            found.append(Figure(f"step, {kind}, {name}", float(np.quantile(step, share)), "µs"))
         if pause_s:
             tail = float(np.quantile(step[~(qp > 0.0)], 0.99))
-            found.append(Figure(f"step, {kind}, p99 without PIQP", tail, "us", most=100.0))
+            found.append(Figure(f"step, {kind}, p99 without PIQP", tail, "µs", most=100.0))
         else:
             both = float(np.median(update + step))
-            found.append(Figure(f"update and step, {kind}, median", both, "us", most=200.0))
+            found.append(Figure(f"update and step, {kind}, median", both, "µs", most=200.0))
     return found
 
 
@@ -194,7 +194,7 @@ def loop_ratio(
     steps = duration_s / 0.002
     plain, logged = ((least[log, long] - least[log, short]) / steps for log in (False, True))
     return [
-        Figure("frozen bare `mj_step`", 1e6 * bare, "us"),
+        Figure("frozen bare `mj_step`", 1e6 * bare, "µs"),
         Figure("physics on soil / bare step", least[0.002] / bare, most=1.05),
         Figure("the same at 4 ms", least[0.004] / bare, most=1.05),
         Figure("loop without log / bare step", plain / bare, most=1.4),

@@ -277,6 +277,8 @@ def _guidance(
 ) -> Guidance:
     settings, vehicle = scenario.controller, plan.reference.vehicle
     true_state = settings.estimator == TRUTH
+    # A session has detectors of its own, which stay.
+    detect = {} if settings.detect or isinstance(guide, partial) else {"detect": False}
     return guide(
         vehicle,
         plan.reference,
@@ -289,6 +291,8 @@ def _guidance(
         # The disturbances of the true state are those beside the given lengths: none to learn.
         learn=settings.learn and not true_state,
         learn_field=settings.learn_field,
+        compensate=settings.compensate,
+        **detect,
     )
 
 

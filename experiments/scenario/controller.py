@@ -180,6 +180,10 @@ class ControllerSettings:
     """Whether parameters of the model are learnt while driving, see docs/learning.md."""
     learn_field: bool = False
     """Whether disturbances are learnt by place, for later passes over the same line."""
+    detect: bool = True
+    """Whether the built-in detectors of faults may stop the vehicle; under `serve` always."""
+    compensate: bool = True
+    """Whether dead times of the valves are compensated, given or learnt."""
 
     def __post_init__(self) -> None:
         if ":" not in self.estimator and self.estimator not in (*ESTIMATORS, TRUTH):

@@ -121,7 +121,8 @@ class ExtendedKalmanFilter:
     ) -> tuple[FloatArray, FloatArray]:
         """Do `update` on flat arrays; return `ESTIMATE` and rows (n, `INNOVATION`).
 
-        `rows` are samples (n, `SAMPLE`), `command` is NaN where none is known.
+        `rows` are samples (n, `SAMPLE`), `command` is NaN where none is known, `change` (3,) is by
+        how much the mapped disturbances change over its period [rad], see `predict_until`.
         """
         self.reserve(len(rows))
         estimate, innovations = np.empty(_ESTIMATE_SIZE), np.zeros((len(rows), INNOVATION))

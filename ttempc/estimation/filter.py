@@ -46,6 +46,8 @@ _XY: Final = int(AugmentedState.PAST_T)
 _JOINT: Final = int(AugmentedState.PAST_I)
 _SENSORS: Final = len(SensorIndex)
 _INPUTS: Final = len(Input)
+_CHANGE: Final = 1 + _INPUTS  # column of a row of commands: see `predict_until`
+_SLIPS: Final = int(AugmentedState.SLIP_T)  # the first of the mapped disturbances
 _UNWEIGHED: Final = int(SensorIndex.IMU_TRACTOR)  # the first sensor without a reading at the start
 
 SAME_TIME_S: Final = 1e-6
@@ -484,6 +486,9 @@ def predict_until(
     """Advance a `MOMENT` to `until_s` in place under the commands of the time in between.
 
     The commands are as in `acting`. Where one is not known, that steering or the speed is constant.
+    The last three columns of a row are by how much a map of the field lets the first `MAPPED`
+    disturbances change over its period [rad]. Of a part of the period its share changes, half of
+    that before the prediction and half after it.
     """
     f, now = record(parameters, FILTER), record(moment, MOMENT)
     command, half = local((_INPUTS,)), local((MAPPED,))
@@ -492,20 +497,20 @@ def predict_until(
         n = 1
         while n < count - 1 and commands[n, 0] <= now.time_s + SAME_TIME_S:
             n += 1
-        share = 0.0
-        if n < count:
-            for i in range(MAPPED):
-                share = max(share, abs(commands[n, 1 + _INPUTS + i]))
-        if share > 0.0:
+        changes = False
+        for i in range(MAPPED):
+            changes = changes or (n < count and commands[n, _CHANGE + i] != 0.0)
+        half_share = 0.0
+        if changes:
             if commands[n, 0] > now.time_s + SAME_TIME_S:
                 end_s = min(end_s, commands[n, 0])
-            span_s = max(commands[n, 0] - commands[n - 1, 0], SAME_TIME_S)
-            share = 0.5 * (min(end_s, until_s) - now.time_s) / span_s
+            period_s = max(commands[n, 0] - commands[n - 1, 0], SAME_TIME_S)
+            half_share = 0.5 * (min(end_s, until_s) - now.time_s) / period_s
         if end_s >= until_s - SAME_TIME_S:
             end_s = until_s
         for i in range(MAPPED):
-            half[i] = share * commands[n, 1 + _INPUTS + i] if share > 0.0 else 0.0
-            now.augmented[0, STATES + i] += half[i]
+            half[i] = half_share * commands[n, _CHANGE + i] if changes else 0.0
+            now.augmented[0, _SLIPS + i] += half[i]
         for i in range(2):
             if math.isnan(command[i]):
                 command[i] = now.valves[i]
@@ -515,7 +520,7 @@ def predict_until(
         span_s = end_s - now.time_s
         predict(parameters, moment, command, span_s, steps_over(span_s))
         for i in range(MAPPED):
-            now.augmented[0, STATES + i] += half[i]
+            now.augmented[0, _SLIPS + i] += half[i]
         now.time_s = end_s
     now.time_s = until_s
 
@@ -541,10 +546,11 @@ def observe_filter(
             changed in place; a copy of them is a copy of the filter.
         moments: ring of `MOMENT`, and a last row for the prediction to `now_s`.
         samples: rows (n, `HELD`), by time, then sensor.
-        commands: rows (n, 4), see `acting`.
+        commands: rows (n, 7), see `acting` and `predict_until`.
         rows: rows (n, `SAMPLE`) in the order of arrival.
         now_s: time of this update [s]; the one before may be repeated.
-        command: (3,) of the period that ends at `now_s`, NaN where none is known.
+        command: (6,), the rest of a row of `commands`, of the period that ends at `now_s`: inputs,
+            NaN where none is known, and changes.
         estimate: `ESTIMATE`.
         innovations: rows (n, `INNOVATION`) of the samples, of dimension 0 where there is none.
 

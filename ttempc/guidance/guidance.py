@@ -92,6 +92,7 @@ class Guidance(GuidanceViews):
             same line; or the `FieldMap.rows` of an earlier drive.
         detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
             your own, which run beside the built-in ones and do not replace them.
+        compensate: whether dead times are compensated, given or learnt; the estimator knows them.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -118,6 +119,7 @@ class Guidance(GuidanceViews):
         learn: bool | Sequence[Identifier] = True,
         learn_field: bool | FloatArray = False,
         detect: bool | Sequence[Detector] = True,
+        compensate: bool = True,
     ) -> None:
         if isinstance(reference, Reference) and reference.vehicle != vehicle:
             raise InvalidReference("reference: was made for another vehicle than the guidance")
@@ -129,7 +131,8 @@ class Guidance(GuidanceViews):
         self.tick = 0  # number of the next control tick
         self.reference_tick = 0  # of the reference at that tick: those that waited apart
         given = vehicle, reference, period_s, controller, estimator, options
-        self._parts = Parts(*given, sensor_noise or SensorNoise(), tube, learn, learn_field)
+        noise = sensor_noise or SensorNoise()
+        self._parts = Parts(*given, noise, tube, learn, learn_field, compensate)
         own = () if isinstance(detect, bool) else detect
         self._monitors = Monitors(own, built_in=detect is not False)
         reasons = self._monitors.reason

@@ -49,8 +49,11 @@ def make_guided(
     period_s: float,
     options: Mapping[str, object] | None,
     tube: TubeDesign | None,
+    compensate: bool,
 ) -> Guided:
-    """Return the controller of a name or factory with its dead times compensated, or the object."""
+    """Return the controller of a name or factory, its dead times compensated, or the object."""
+    if not compensate:  # it is told of none
+        reference = replace(reference, vehicle=reference.vehicle.without_dead_times())
     if isinstance(controller, DeadTimeCompensation):
         return controller
     if not isinstance(controller, str | type) and hasattr(controller, "step"):
@@ -78,6 +81,7 @@ class _Builder:
     options: Mapping[str, object] | None
     tube: TubeDesign | None
     noise: SensorNoise
+    compensate: bool
 
     def build(self, vehicle: Vehicle) -> Built:
         reference = replace(self.reference, vehicle=vehicle)
@@ -86,7 +90,9 @@ class _Builder:
         tube = self.tube and replace(self.tube, vehicle=vehicle.without_dead_times())
         controller = estimator = None
         if self.controller is not None:
-            controller = make_guided(self.controller, reference, self.period_s, self.options, tube)
+            controller = make_guided(
+                self.controller, reference, self.period_s, self.options, tube, self.compensate
+            )
             if isinstance(controller, WarmingUp):
                 controller.warm_up()
         if self.estimator is not None:
@@ -125,10 +131,11 @@ class Parts:
         tube: TubeDesign | None,
         learn: bool | Sequence[Identifier],
         learn_field: bool | FloatArray,
+        compensate: bool,
     ) -> None:
         self.vehicle, self.reference = vehicle, reference
         self.estimator = make_estimator(estimator, vehicle, noise)
-        self.controller = make_guided(controller, reference, period_s, options, tube)
+        self.controller = make_guided(controller, reference, period_s, options, tube, compensate)
         if isinstance(learn, bool):
             learn = _identifiers(vehicle, noise) if learn else []
         builder = _Builder(
@@ -139,6 +146,7 @@ class Parts:
             options,
             tube,
             noise,
+            compensate,
         )
         self.learner = Learner(learn, vehicle, period_s, builder)
         self.field: FieldMap | None = None

@@ -17,12 +17,10 @@ from ...sweep.results import WORKING_P95
 from ...sweep.study import DrawnAxis, load_study
 from ...sweep_report.format import format_estimate
 from ..study import Study
-from ..tables import COLUMNS, ERRORS, PUBLISHED_M, markdown
+from ..tables import markdown
 
 DEFAULT: Final = "ttempc"  # that the others are compared with
 LEVEL: Final = 0.05  # of the tests, after Holm's correction
-_RIVAL: Final = "pid"
-_SHOWN: Final = (DEFAULT, _RIVAL, "paper")
 _STEP: Final = "timing.control_step_us.median"
 
 
@@ -134,7 +132,7 @@ def controllers(rows: pd.DataFrame) -> str:
                 *(f"{factor * medians[name][key]:.1f}" for _, key, factor in ACTUATOR_USE),
             )
         )
-    heads = ("controller", "step [us]", f"/ `{DEFAULT}`", f"error / that of `{DEFAULT}`", "fields")
+    heads = ("controller", "step [µs]", f"/ `{DEFAULT}`", f"error / that of `{DEFAULT}`", "fields")
     heads = (*heads, "better / worse", "lost", *(head for head, _, _ in ACTUATOR_USE))
     signs = {"better": " <", "worse": " >", "": ""}
 
@@ -157,37 +155,12 @@ def controllers(rows: pd.DataFrame) -> str:
     return "\n\n".join(filter(None, tables))
 
 
-def errors(rows: pd.DataFrame) -> str:
-    """Return the paper's four mean Euclidean errors by field, with their range over seeds."""
-    comparison = Comparison(rows)
-    tables = []
-    for name in (name for name in _SHOWN if name in comparison.controllers):
-        lines = []
-        for field in comparison.fields:
-            own = comparison.runs(field, name)
-            known = 100.0 * own[own["completed"]][[*ERRORS]]
-            cells = [_range(known[column].dropna()) for column in ERRORS]
-            lines.append((f"`{field}`", *cells, f"{(~own['completed']).sum()} of {len(own)}"))
-        if name == "paper":
-            published = (f"{100.0 * error:.2f}" for error in PUBLISHED_M.values())
-            lines.append(("published (field)", *published, "–"))
-        tables.append(markdown((f"`{name}`", *COLUMNS, "lost"), lines))
-    return "\n\n".join(tables)
-
-
-def _range(values: pd.Series) -> str:
-    """Return mean, least and greatest value, "–" where there is none."""
-    if not len(values):
-        return "–"
-    return f"{values.mean():.1f} ({values.min():.1f}-{values.max():.1f})"
-
-
 SWEEPS: Final = ("terrain-slip", "delay", "noise", "speed-radius", "mismatch")
 """Sweeps side by side; `ttempc report` makes a page of each."""
 
 
 def side_by_side(rows: pd.DataFrame) -> str:
-    """Return the errors of all sweeps, with the paired difference of `pid`."""
+    """Return the errors of all sweeps, with the paired differences of the rivals."""
     lines, shown = [], [DEFAULT, *(name for name in rows["controller"].unique() if name != DEFAULT)]
     for name, own in rows.groupby("study", sort=False):
         _, study = load_study(str(name))
@@ -202,16 +175,17 @@ def side_by_side(rows: pd.DataFrame) -> str:
             lost = count - (done["controller"] == controller).sum()
             cells.append(format_estimate(error) + (f", {lost} of {count} lost" if lost else ""))
         pairs = done.pivot(index=["point", "seed"], columns="controller", values=WORKING_P95)
-        gap = 100.0 * (pairs[_RIVAL] - pairs[DEFAULT]).dropna()
-        estimate = mean(gap.to_numpy(float), gap.index.get_level_values(unit).to_numpy())
-        difference = f"{format_estimate(estimate, sign='+')} of {len(gap)}"
-        lines.append((f"`{name}`", str(len(own)), study.description, *cells, difference))
+        for rival in shown[1:]:
+            gap = 100.0 * (pairs[rival] - pairs[DEFAULT]).dropna()
+            estimate = mean(gap.to_numpy(float), gap.index.get_level_values(unit).to_numpy())
+            cells.append(f"{format_estimate(estimate, sign='+')} of {len(gap)}")
+        lines.append((f"`{name}`", str(len(own)), study.description, *cells))
     heads = ("study", "runs", "varied", *(f"`{name}`" for name in shown))
-    return markdown((*heads, f"`{_RIVAL}` - `{DEFAULT}`, pairs"), lines)
+    pairs = (f"`{rival}` - `{DEFAULT}`, pairs" for rival in shown[1:])
+    return markdown((*heads, *pairs), lines)
 
 
 STUDIES: Final = (
-    Study(name="errors", table=errors, sweeps=("compare",)),
     Study(name="compare", table=controllers, sweeps=("compare",)),
     Study(name="studies", table=side_by_side, sweeps=SWEEPS),
 )

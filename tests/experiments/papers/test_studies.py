@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from proving_ground.experiments.papers.studies import containment, faults, laps, widths
+from proving_ground.experiments.papers.studies import containment, entry, faults, laps, widths
 from proving_ground.experiments.papers.study import Case, all_studies
 from proving_ground.experiments.results.tracking_errors import QUANTITIES
 from proving_ground.experiments.run.assembly import check
@@ -54,7 +54,7 @@ def test_tables_of_laps_have_the_means_of_each_variant_over_the_seeds():
         seeds = len(study.seeds)
         assert len(body) == len(rows) / seeds
         assert [line[-1] for line in body][:2] == [f"1/{seeds}", f"0/{seeds}"]
-        column = head.index("tractor straight")
+        column = next(k for k, name in enumerate(head) if name.startswith("tractor"))
         expected = np.mean(range(seeds, 2 * seeds))
         assert float(body[1][column]) == pytest.approx(expected, abs=0.05)
 
@@ -83,6 +83,13 @@ def test_estimators_are_consistent_on_a_straight():
     row = laps.consistent(Case("grass", 1, (STRAIGHT,)))
     assert row["NIS"] == pytest.approx(1.0, abs=0.3)
     assert [*row][:3] == ["x", "y", "psi_t"]
+
+
+def test_a_start_beside_the_line_exceeds_the_floor_of_its_seed_by_2_cm_at_most():
+    for seed in (9604, 9606):
+        row = entry.enter(Case("line-entry", seed, labels={"start": "entry"}))
+        assert row["home"]
+        assert row["excess"] < 0.02
 
 
 # Faults.
