@@ -126,7 +126,8 @@ _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side sl
 # wheel slip beside that on slopes; mean of the former, short and usual mean of the latter.
 _DRIFT: Final = 0.008, 0.07
 _DRIFT_S: Final = 3.0, 1.5, 30.0
-_TOOL: Final = 2.5  # times both with a tool, which pulls aside; assumed
+_SLOPE: Final = 2.0  # by which the former grows with wheel slip beyond that of a drift
+_JUDGED_S: Final = 20.0  # from the start on
 _PASSED: Final = 1.4, 4.0, 300.0  # by which a check raises both, at most; fades in seconds; assumed
 _STOOD_S: Final = 1.6, 4.0, 20.0  # to come to rest, least and longest check; assumed
 _STOOD_MPS: Final = 0.012  # of GNSS at rest, and deviations of the white noise within it; assumed
@@ -444,14 +445,15 @@ def _observe_estimate(
     # A drift of w adds side and wheel slips of w and -w over the speed, fixed in the map.
     limit, checks = s.limit[DetectorIndex.DRIFT], alarms[DetectorIndex.DRIFT, 0] >= 0.0
     slips, most = s.slips, s.passed
-    dx, dy = e.map_disturbance[0] - s.accepted[0], e.map_disturbance[1] - s.accepted[1]
-    ratio = math.hypot(dx, dy) / (_DRIFT[0] * max(1.0, rough) ** 0.25)
-    wheel = e.map_disturbance[2] * math.cos(x[2]) + e.map_disturbance[3] * math.sin(x[2])
-    wheel = e.disturbance[4] - gear * wheel
+    sx, sy, cx, cy = e.map_disturbance
+    dx, dy, side = sx - s.accepted[0], sy - s.accepted[1], math.hypot(sx, sy)
+    excess = max(0.0, -(sx * cx + sy * cy) / max(side, 1e-9) - side)
+    ratio = math.hypot(dx, dy) / (_DRIFT[0] * max(1.0, rough) ** 0.35 + _SLOPE * excess)
+    wheel = e.disturbance[4] - gear * (cx * math.cos(x[2]) + cy * math.sin(x[2]))
     statistic[DetectorIndex.DRIFT] = limit if checks else 0.0  # until it has passed
     if 0.0 < span_s <= 1.0 and math.isfinite(ratio + wheel) and not checks:
         s.passed = most = 1.0 + (most - 1.0) * math.exp(-span_s / _PASSED[2])
-        if abs(x[6]) > _MOVING and now >= _SETTLED_S:
+        if abs(x[6]) > _MOVING and now >= _JUDGED_S:
             s.drift += min(1.0, span_s / _DRIFT_S[0]) * (ratio - s.drift)
             for n in range(2):
                 old = slips[n] if slips[n] == slips[n] else wheel
@@ -478,7 +480,7 @@ def _observe_estimate(
             alarms[DetectorIndex.DRIFT, 2] = 1.0 if s.drifts >= _FAILED else 0.0
             if s.drifts == 0.0:
                 statistic[DetectorIndex.DRIFT] = s.drift = 0.0
-                s.accepted[0], s.accepted[1] = e.map_disturbance[0], e.map_disturbance[1]
+                s.accepted[0], s.accepted[1] = sx, sy
                 slips[0] = slips[1] = math.nan
                 s.passed = min(_PASSED[0] * most, _PASSED[1])
     residuals[DetectorIndex.DRIFT] = statistic[DetectorIndex.DRIFT]
@@ -870,10 +872,10 @@ def observe_monitors(
 
     Drift: at a common drift w of both receivers and a speed v the filter finds a side slip of w / v
     and a wheel slip of -w / v, fixed in the map; a slope has such slips, too. Where the former
-    leaves the accepted one, or the latter its usual one, the vehicle stops, and GNSS is watched at
-    rest for as long as its noise takes. If it moves twice in succession it drifts, and the vehicle
-    stands until `resume`. Else the side slip is accepted and the vehicle drives on; the limits grow
-    for some minutes. Along a straight only a drift that begins within seconds is noticed.
+    leaves the accepted one, by more on a slope that wheel slip shows, or the latter its usual one,
+    the vehicle stops, and GNSS is watched at rest for as long as its noise takes. If it moves twice
+    in succession it drifts, and the vehicle stands until `resume`. Else the side slip is accepted
+    and the vehicle drives on; the limits grow for some minutes. Not with a tool in the soil.
 
     Args:
         parameters: of the vehicle, see `VehicleParameter`.
@@ -976,7 +978,8 @@ class Monitors:
         if self._count:
             if vehicle is not self._vehicle:
                 self._vehicle, self._parameters = vehicle, vehicle_parameters(vehicle)
-                limit = _TOOL if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
+                # A tool in the soil has a side slip of its own.
+                limit = math.inf if vehicle.tool_behind else _LIMITS[DetectorIndex.DRIFT]
                 self.record.view(MONITORS)["limit"][0, DetectorIndex.DRIFT] = limit
             tick = rows, now, sent, estimate, innovations
             observe_monitors(self._parameters, self.record, *tick)
