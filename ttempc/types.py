@@ -222,7 +222,7 @@ class Controller(Protocol):
     """Anything that turns an estimate into a command once every control period.
 
     A controller owns its reference and its memory; it never sees the plant. Tick k belongs to
-    time k * period; ticks are counted, never derived from a clock.
+    time k * period of the reference, which waits where the vehicle is held up: then k repeats.
     """
 
     def step(self, estimate: Estimate, k: int) -> ControlStep | Command:

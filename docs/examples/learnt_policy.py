@@ -54,6 +54,9 @@ _ENTRIES: Final = {
     "delta_i": _LATERAL,
     "hp": {"x_t_e_m": 0.1, "v_e_mps": 0.1, "drive_mps2": 0.1, "wheel_slip": 0.1},
 }
+SIZES: Final = _ENTRIES["delta_t"] | _ENTRIES["hp"]
+"""Entries that a policy may depend on, each with its size."""
+
 DIMENSION: Final = sum(len(sizes) for sizes in _ENTRIES.values())
 
 Gains = dict[str, dict[str, float]]

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ttempc.laws.tracking_controller import TrackingController
+from ttempc.laws.tracking_controller import TrackingController, View
 from ttempc.layout import TICK
 from ttempc.models.kinematics import Error, estimated_error
 from ttempc.reference.reference import Reference
@@ -147,12 +147,7 @@ class _Within(TrackingController):
             self._last = previous._last
 
     def act(
-        self,
-        row: FloatArray,
-        view: Callable[[], Estimate],
-        k: int,
-        sent: FloatArray,
-        tick: FloatArray,
+        self, row: FloatArray, view: View, k: int, sent: FloatArray, tick: FloatArray
     ) -> Diagnostics | None:
         """Do as the other one on what was sent without the residual, and book that as robust."""
         told = super().act(row, view, k, sent - self._last, tick)

@@ -205,8 +205,8 @@ def _parse_override(line: str) -> dict[str, Any]:
     key, _, value = line.partition("=")
     if _BARE_WORD.fullmatch(word := value.strip()) and word not in _TOML_WORDS:
         line = f'{key}="{word}"'
-    where = f"--set {line[:_SHOWN]}: must be key.key=value with a TOML value"
-    return _from_here(parse_toml(line, InvalidScenario, f'{where} (numbers 1.5, words "grass")'))
+    where = f'--set {line[:_SHOWN]}: must be key.key=value with a TOML value (1.5, "grass")'
+    return _from_here(parse_toml(line if "=" in line else "=", InvalidScenario, where))
 
 
 def _from_here(content: Any) -> Any:  # noqa: ANN401 - any TOML value

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import mmap
+import tempfile
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import IO, TYPE_CHECKING, Final
 
 import numpy as np
 
 from ttempc.types import FloatArray
 
+from ..errors import LogError
 from ..truth import Moments
 from .channels import CHANNELS, ERROR, REFERENCE, STATE, Channel, error_rows
 
@@ -23,6 +26,7 @@ FAULT: Final = "fault: "  # that a fault begins or ends,
 REACTION: Final = "reaction: "  # how the guidance departs from the controller,
 REACTION_ENDED: Final = "reaction ended"
 OVERRUN: Final = "overrun: "  # that a step took longer than its period
+_KEPT: Final = 1 << 18  # numbers of a channel in memory; more of them go to a file
 RESUMED: Final = "resumed by an operator"
 BEGINS: Final = " begins"
 ENDS: Final = " ends"
@@ -52,9 +56,15 @@ class Table:
             KeyError: the channel has no such field.
         """
         try:
-            return self.values[:, self.channel.fields.index(name)]
+            column = self.values[:, self.channel.fields.index(name)]
         except ValueError:
             raise KeyError(f"{self.channel.topic} has no field {name!r}") from None
+        if not isinstance(file := self.values.base, mmap.mmap):
+            return column
+        column = column.copy()
+        if hasattr(mmap, "MADV_DONTNEED"):  # not on Windows: pages that were read leave memory
+            file.madvise(mmap.MADV_DONTNEED)
+        return column
 
     def columns(self, *names: str) -> FloatArray:
         """Return the named columns side by side, (n, len(names))."""
@@ -211,8 +221,56 @@ class Tee(Sink):
             sink.path(topic, time_s, points)
 
 
+class _Columns:
+    """Times and values of a channel: the latest in memory, those before in temporary files."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+        self._latest = array("d"), array("d")
+        self._files: list[IO[bytes]] = []
+
+    def __del__(self) -> None:
+        for file in self._files:
+            file.close()
+
+    def add(self, times: bytes, values: bytes) -> None:
+        """Add rows, doubles each."""
+        self._latest[0].frombytes(times)
+        self._latest[1].frombytes(values)
+        if len(self._latest[1]) > _KEPT:
+            self._move()
+
+    def table(self) -> Table:
+        """Return the rows so far."""
+        width = len(self._channel.fields)
+        if not self._files:
+            times, values = map(np.array, self._latest)
+            return Table(self._channel, times, values.reshape(-1, width))
+        self._move()
+        times, values = (mmap.mmap(f.fileno(), 0, access=mmap.ACCESS_READ) for f in self._files)
+        shape = len(times) // 8, width
+        return Table(
+            self._channel, np.ndarray(shape[0], buffer=times), np.ndarray(shape, buffer=values)
+        )
+
+    def _move(self) -> None:
+        try:
+            self._files = self._files or [tempfile.TemporaryFile() for _ in self._latest]  # noqa: SIM115
+            for file, numbers in zip(self._files, self._latest, strict=True):
+                numbers.tofile(file)
+                file.flush()
+                del numbers[:]
+        except OSError as error:
+            place = f"{tempfile.gettempdir()}: the record of a long run cannot be written"
+            raise LogError(f"{place}: {error.strerror}") from error
+
+
 class Recorder(Sink):
-    """Collector of rows and events in memory; every event is passed to `on_event`."""
+    """Collector of rows and events; every event is passed to `on_event`.
+
+    Of a long run a channel's rows move to a temporary file without a name: memory does not grow
+    with the time driven. Its tables are read-only maps of that file.
+    """
 
     def __init__(
         self,
@@ -220,29 +278,21 @@ class Recorder(Sink):
         on_event: Callable[[Event], object] | None = None,
     ) -> None:
         self._on_event = on_event or (lambda event: None)
-        self._channels = {channel.topic: channel for channel in channels}
-        self._times = {topic: array("d") for topic in self._channels}
-        self._values = {topic: array("d") for topic in self._channels}
-        # of the last `record`, which share its memory
-        self._tables = {
-            topic: Table(channel, np.empty(0), np.empty((0, len(channel.fields))))
-            for topic, channel in self._channels.items()
-        }
+        self._columns = {channel.topic: _Columns(channel) for channel in channels}
         self._events: list[Event] = []
 
     def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
         """Add rows."""
         if values.shape != (len(times), len(channel.fields)):
             raise wrong_shape(channel, times, values)
-        self._times[channel.topic].frombytes(times.tobytes())
-        self._values[channel.topic].frombytes(values.tobytes())
+        self._columns[channel.topic].add(times.tobytes(), values.tobytes())
 
     def row(self, channel: Channel, time_s: float, values: Sequence[float] | FloatArray) -> None:
         """Add one row."""
         if len(values) != len(channel.fields):
             raise wrong_shape(channel, np.empty(1), np.array(values))
-        self._times[channel.topic].append(time_s)
-        self._values[channel.topic].frombytes(np.array(values, dtype=float).tobytes())
+        data = np.array(values, dtype=float).tobytes()
+        self._columns[channel.topic].add(array("d", [time_s]).tobytes(), data)
 
     def event(self, event: Event) -> None:
         """Add one event."""
@@ -251,12 +301,5 @@ class Recorder(Sink):
 
     def record(self, metadata: Mapping[str, str] | None = None) -> Record:
         """Return the record of the data collected so far."""
-        for topic, table in self._tables.items():
-            times: FloatArray = np.asarray(self._times.pop(topic))  # the same memory
-            values = np.reshape(self._values.pop(topic), (-1, len(table.channel.fields)))
-            if len(table):
-                times = np.concatenate([table.time_s, times])
-                values = np.concatenate([table.values, values])
-            self._tables[topic] = Table(table.channel, times, values)
-            self._times[topic], self._values[topic] = array("d"), array("d")
-        return Record(dict(self._tables), tuple(self._events), dict(metadata or {}))
+        tables = {topic: columns.table() for topic, columns in self._columns.items()}
+        return Record(tables, tuple(self._events), dict(metadata or {}))

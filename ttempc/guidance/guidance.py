@@ -63,10 +63,9 @@ class Guidance(GuidanceViews):
     estimate, an alarm or a controller far from the reference it holds the command, slows down or
     stops (see `Supervisor`); `diagnostics.fallback` gives the reason.
 
-    Time stamps are seconds on any one clock, of the Unix epoch for example. The first `update`
-    defines the start of the reference. Control ticks are counted: tick k, the k-th call of `step`,
-    belongs to k * `period_s` on the reference. A loop that misses a period delays the reference.
-    Where the supervisor slows or stops the vehicle, the reference waits for it (`reference_tick`).
+    Time stamps are seconds on any one clock. The first `update` defines the start of the reference.
+    Tick k, the k-th call of `step`, belongs to k * `period_s` on the reference, which waits where
+    the supervisor slows or stops the vehicle (`reference_tick`); a missed period delays it.
 
     While it drives it learns parameters of the model (`ttempc.learning`). Where the data contradict
     the given ones, estimator, reference and controller are made anew in another thread and
@@ -79,8 +78,7 @@ class Guidance(GuidanceViews):
         reference: where both axle points should be over time; of a `Path`, at `speed_mps`.
         period_s: control period [s].
         controller: a name of `ttempc.CONTROLLERS`, a factory called with vehicle, reference and
-            period [s], or a controller. Around the former two the dead times of the vehicle are
-            compensated, see `DeadTimeCompensation`; a controller is asked as it is.
+            period [s], or a controller, which is asked as it is.
         estimator: a name of `ttempc.ESTIMATORS`, a factory of vehicle and noise, or an estimator.
         options: keyword options of the controller by name or factory, such as `horizon`.
         sensor_noise: standard deviations that the estimator assumes.
@@ -90,14 +88,13 @@ class Guidance(GuidanceViews):
         learn: whether dead times, lags and lengths are learnt; or identifiers of your own.
         learn_field: whether disturbances are learnt by place and known on the next pass over the
             same line; or the `FieldMap.rows` of an earlier drive.
-        detect: whether the supervisor reacts to the built-in detectors of faults; or detectors of
-            your own, which run beside the built-in ones and do not replace them.
-        compensate: whether dead times are compensated, given or learnt; the estimator knows them.
+        detect: whether the built-in detectors of faults run; or detectors of your own, beside them.
+        compensate: whether dead times are compensated around a controller by name or factory, see
+            `DeadTimeCompensation`; the estimator knows them.
 
     Raises:
-        InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
+        InvalidReference, InvalidPath: the vehicle cannot follow it: curvature, steering rates,
             speed; the message names the place.
-        InvalidPath: the vehicle cannot follow the path at all.
         UnknownController, UnknownEstimator: a name that does not exist.
         InvalidTuning: an option that is unknown or out of its range.
         InvalidTube: the tube is missing or belongs to another vehicle.

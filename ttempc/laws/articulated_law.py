@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,9 +13,9 @@ from ..models.augmented_state import MAPPED
 from ..mpc.articulated_error import PredictedPath, write_error
 from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
 from ..mpc.qp import UNSOLVED
-from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State, TubeReport
+from ..types import Diagnostics, FloatArray, Input, SolverReport, State, TubeReport
 from ..vehicle import Vehicle
-from .tracking_controller import FeedbackLaw
+from .tracking_controller import FeedbackLaw, View
 
 _N, _M = len(State), len(Input)
 NOMINAL: Final = 0
@@ -57,7 +56,6 @@ POINT: Final = np.dtype(
         ("feedforward", "f8", 3),  # u_r
         ("gains", "f8", (3, 7)),  # of the robust law in units of its limit
         ("ancillary", "f8", (3, 7)),  # K of the backup plan
-        ("rows", "f8", (9, 7)),  # from an error to the entries of a report
         ("half_widths", "f8", 9),  # of the report
     ]
 )
@@ -68,7 +66,7 @@ class Law(NamedTuple):
     """Arrays of an articulated law along a reference of T ticks."""
 
     constants: FloatArray  # record `LAW`
-    points: FloatArray  # records `POINT`, (T, 124)
+    points: FloatArray  # records `POINT`, (T, 61)
     faces: FloatArray  # of the tube (T, f, 7), or of the set of disturbances (1, f, 7); (0, 0, 7)
     reserve: FloatArray  # of the inputs, for the ancillary gain at stage j, (Np, T, 3); (0, 0, 3)
 
@@ -145,7 +143,7 @@ def robust_part(
             given[16 + i] = feedback[i]
     gauge = 0.0
     if law.faces.shape[0]:
-        gauge = report_tube(k, law, nominal, deviation, t.tube)
+        gauge = report_tube(k, law, outputs, nominal, deviation, t.tube)
     if kind == TUBE_MPC and gauge > 1.0:
         s.fallback = OUTSIDE
     elif kind == TUBE_MPC:  # the disturbances act on both states, with their present estimates
@@ -173,7 +171,12 @@ def robust_part(
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def report_tube(
-    k: int, law: Law, nominal: FloatArray, deviation: FloatArray, report: FloatArray
+    k: int,
+    law: Law,
+    outputs: FloatArray,
+    nominal: FloatArray,
+    deviation: FloatArray,
+    report: FloatArray,
 ) -> float:
     """Write a `TubeReport` (20,) at tick `k`; return the gauge of the deviation in its set."""
     point, at, gauge = record(law.points[k], POINT), min(k, law.faces.shape[0] - 1), 0.0
@@ -183,12 +186,11 @@ def report_tube(
             value += law.faces[at, f, j] * deviation[j]
         gauge = max(gauge, abs(value))
     report[0], report[1] = 1.0 if gauge <= 1.0 else 0.0, 1.0 - gauge
-    rows, widths = point.rows, point.half_widths
-    for i in range(9):
-        value = 0.0
-        for j in range(_N):
-            value += rows[i, j] * nominal[j]
-        report[2 + i], report[11 + i] = value, widths[i]
+    for i in range(9):  # entries of the error, then x and y of the trailer point
+        value = nominal[i] if i < _N else 0.0
+        for j in range(_N if i >= _N else 0):
+            value += outputs[k, i - 5, j] * nominal[j]
+        report[2 + i], report[11 + i] = value, point.half_widths[i]
     return gauge
 
 
@@ -370,14 +372,7 @@ class ArticulatedLaw(FeedbackLaw):
             self.mpc.work.entering[:] = previous.mpc.work.entering
             self.field = previous.field
 
-    def act(
-        self,
-        k: int,
-        row: FloatArray,
-        view: Callable[[], Estimate],
-        sent: FloatArray,
-        tick: FloatArray,
-    ) -> None:
+    def act(self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray) -> None:
         self._last, self.report = (row, sent), None
         self._drive(k, self.mpc.work, self._memory, tick)
 

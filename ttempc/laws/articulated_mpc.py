@@ -252,7 +252,7 @@ def articulated_controller(
             flat = rows.reshape(-1, len(State))
             width = design.disturbance.support(flat) + design.estimate_error.support(flat)
             faces = np.ascontiguousarray(design.disturbance.faces)[None]
-            parts |= {"faces": faces, "rows": rows, "half_widths": width.reshape(rows.shape[:2])}
+            parts |= {"faces": faces, "half_widths": width.reshape(rows.shape[:2])}
     if reference.corridor and options.corridor:
         first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
         soft = corridor_bounds(reference.corridor, course.grid, c, first, options.horizon)
@@ -306,7 +306,6 @@ def tube_controller(
         disturbances=1.0,
         gains=gains,
         faces=np.concatenate([rows, gains], axis=1) / widths[..., None],  # (T, 12, 7)
-        rows=rows,
         half_widths=along.half_widths,
     )
     return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))

@@ -28,6 +28,9 @@ from ..vehicle import CommandLimits, Vehicle
 if TYPE_CHECKING:
     from ..learning.field import FieldMap
 
+View = Callable[[], Estimate]
+"""Makes the view of the record `ESTIMATE` of a tick."""
+
 _WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
 _WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set up
 
@@ -43,12 +46,7 @@ class FeedbackLaw:
         return Diagnostics(feedback=np.zeros(len(Input)), robust=np.zeros(len(Input)))
 
     def act(
-        self,
-        k: int,
-        row: FloatArray,
-        view: Callable[[], Estimate],
-        sent: FloatArray,
-        tick: FloatArray,
+        self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray
     ) -> Diagnostics | None:
         """Write the actions of tick `k` into the record `TICK`; return what it does not hold.
 
@@ -151,12 +149,7 @@ class TrackingController:
         self.feedback.prepare(min(k, len(self._feedforward) - 1))
 
     def act(
-        self,
-        row: FloatArray,
-        view: Callable[[], Estimate],
-        k: int,
-        sent: FloatArray,
-        tick: FloatArray,
+        self, row: FloatArray, view: View, k: int, sent: FloatArray, tick: FloatArray
     ) -> Diagnostics | None:
         """Write the actions of tick `k`, without limits; the rest is as of `FeedbackLaw.act`."""
         k = min(k, len(self._feedforward) - 1)

@@ -1,4 +1,4 @@
-"""Controllers on every shipped scenario, and over the shipped sweeps.
+"""Controllers on shipped scenarios, and over the shipped sweeps.
 
 The error of a run is the 95th percentile of the absolute cross-track error of the working point:
 the tool where there is one, else the trailer's axle point.

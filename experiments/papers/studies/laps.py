@@ -87,6 +87,8 @@ def published_errors(runs: pd.DataFrame) -> str:
         cells = (f"{m:.1f} ± {sd:.1f} ({low:.1f}-{high:.1f})" for m, sd, low, high in spread)
         lines.append((f"{name}, published", *(f"{100.0 * m:.2f}" for m in PUBLISHED[name]), "-"))
         lines.append((name, *cells, lost(own)))
+        ratios = 0.01 * errors.mean(0) / np.array(PUBLISHED[name])
+        lines.append((f"{name} / published", *(f"{ratio:.2f}" for ratio in ratios), "-"))
     return markdown(("error [cm]", *COLUMNS, "lost"), lines)
 
 

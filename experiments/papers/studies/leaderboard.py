@@ -25,6 +25,7 @@ from ...trials.bench import Entrant, bench
 from ...trials.definition import trial_files, weights
 from ...trials.score_card import (
     LOSS_M,
+    MARGIN,
     PUBLIC,
     Interval,
     ScoreCard,
@@ -190,7 +191,7 @@ def entry(card: ScoreCard) -> str:
 
 
 def headline(cards: Mapping[str, ScoreCard]) -> Block:
-    """Return the short table of README from the cards of `HEADLINE`, the geometric mean last."""
+    """Return the short table of README from the cards of `HEADLINE`, and who is ahead where."""
     shown = [cards[name] for name in HEADLINE]
     lines = [
         (
@@ -205,12 +206,30 @@ def headline(cards: Mapping[str, ScoreCard]) -> Block:
     footer = (
         f"<sub>Cards of the simulated benchmark `{first.identifier}`: mean over "
         f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
-        f"not complete counts {LOSS_M:g} m, trials are weighted; `ttempc bench NAME`; "
+        f"not complete counts {LOSS_M:g} m, trials are weighted; level: within {MARGIN:.0%} or not "
+        "told apart; `ttempc bench NAME`; "
         "[all entries and intervals](docs/results.md#benchmark)</sub>"
     )
-    return Block(
-        markdown(heads, [*lines, ("all, weighted geometric mean", *overall)]), footer=footer
-    )
+    lines += [
+        ("all, weighted geometric mean", *overall),
+        (f"not completed, of {first.score.runs}", *(f"{c.score.not_completed}" for c in shown)),
+    ]
+    said = "\n".join(_beside(first, card) for card in shown[1:])
+    return Block(f"{markdown(heads, lines)}\n\n{said}", footer=footer)
+
+
+def _beside(first: ScoreCard, other: ScoreCard) -> str:
+    """Return the ratio of the costs of another entry to the first, and where it is as good."""
+    found = compare_cards(first, other)
+    places: dict[str, list[str]] = {"ahead": [], "level": [], "behind": []}
+    for name, trial in found["trials"].items():
+        ends = (trial["difference_m"][end] or 0.0 for end in ("low", "high"))
+        low, high = (end / trial["first_m"] for end in ends)
+        where = "behind" if low > MARGIN else "ahead" if high < -MARGIN else "level"
+        places[where].append(f"`{name}`")
+    parts = "; ".join(f"{how} in {', '.join(names)}" for how, names in places.items() if names)
+    ratio = Interval(**found["ratio"]).text(1.0, ".3f")
+    return f"- `{entry(other)}`: cost {ratio} times that of `{entry(first)}`; {parts}."
 
 
 def leaderboard(cards: Sequence[ScoreCard]) -> str:

@@ -124,18 +124,6 @@ def test_a_residual_of_nothing_is_the_controller_bit_for_bit(driven):
     np.testing.assert_array_equal(states, at_ticks(record))
 
 
-def test_a_stop_of_the_supervisor_ends_the_run_as_that_of_a_controller():
-    stuck = ("path={kind='straight', length_m=20}", "faults=[{kind='gnss_frozen',start_s=1.0}]")
-    summary, _ = simulate(*load("grass", stuck), SEED)
-    environment = FieldTrial("grass", stuck, action="residual")
-    environment.reset(seed=SEED)
-    while "status" not in (info := environment.step(np.zeros(3))[4]):
-        pass
-    assert (info["status"], info["failure"]) == (summary.status, summary.failure)
-    assert info["status"] == "stopped"
-    assert info["time_s"] == pytest.approx(summary.duration_s)
-
-
 def test_normalised_commands_span_the_limits_and_drive_the_same_way(driven):
     _, record = driven
     lower, upper = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import tomllib
 
 import numpy as np
@@ -16,16 +17,15 @@ from proving_ground.testbed.recording.channels import CONTROL, STATE
 from tests.testbed.truths import state_row
 from ttempc import Vehicle
 
+EXAMPLES = ROOT / "docs" / "examples"
 STRAIGHT = ("path={kind='straight', length_m=6}",)
 GAINS = {"delta_t": {"y_t_e_m": 3.0}, "hp": {"v_e_mps": 1.0, "x_t_e_m": 0.5}}
 
 
 @pytest.fixture
 def example(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "docs" / "examples")
-    import learnt_policy
-
-    return learnt_policy
+    monkeypatch.syspath_prepend(EXAMPLES)
+    return importlib.import_module("learnt_policy")
 
 
 @pytest.fixture
@@ -65,6 +65,31 @@ def test_a_residual_keeps_to_the_limits(run):
     steps = np.abs(np.diff(record[CONTROL]["delta_t_rad_command"]))
     assert steps.max() == pytest.approx(Vehicle().steering_rate_t * 0.2)
     assert not any("the controller's" in event.text for event in record.events)
+
+
+@pytest.mark.filterwarnings("ignore")  # of torch and stable-baselines3, about their own parts
+def test_a_policy_of_ppo_is_a_file_that_the_loader_drives(example, run, tmp_path):
+    needed = "needs stable-baselines3 and torch: the extra `rl`"
+    pytest.importorskip("stable_baselines3", reason=needed, exc_type=ImportError)
+    file = tmp_path / "ppo.toml"
+    training = importlib.import_module("train_policy")
+    training.main(["-o", str(file), "--scenarios", "pavement", "--steps", "1", "--periods", "100"])
+    gains = tomllib.loads(file.read_text())["gains"]
+    assert np.count_nonzero(example.matrix(gains)) == 3 * len(example.SIZES)
+    assert np.isfinite(run(gains)[STATE].values).all()
+
+
+def test_the_policy_of_ppo_holds_a_line_that_feedforward_leaves(example):
+    policy = f"controller.options.policy='{EXAMPLES / 'train_policy.toml'}'"
+    trailer_m = []
+    for named in (
+        ["controller.name=learnt_policy:learnt", policy],
+        ["controller.name=feedforward"],
+    ):
+        line = "path={kind='straight', length_m=30}"
+        summary, _ = simulate(*load("wet-slope", [line, *named]), 5)
+        trailer_m.append(summary.tracking.all.trailer.cross_p95_m)
+    assert trailer_m[0] < 0.5 * trailer_m[1]
 
 
 def test_a_search_repeats_itself_and_gains_are_actions_at_sizes(example, tmp_path, capsys):

@@ -104,12 +104,14 @@ def test_readme_results_and_score_cards_order_controllers_alike_or_readme_says_s
     cards = leaderboard.shipped_cards()
     made = leaderboard.headline(cards)
     assert f"{made.text}\n\n{made.footer}" == blocks(readme)["headline"].strip()
-    short = costs(made.text)
+    table, said = made.text.split("\n\n")
+    short = costs(table)
     tables = [part for part in results.split("\n\n") if part.startswith("|")]
     by_entry = costs(tables[1])
     now = [card for card in cards.values() if card.identifier == cards["ttempc"].identifier]
     assert leaderboard.leaderboard(now).split("\n\n")[4] == tables[1]
-    prose = readme.replace(made.text, "")
+    prose = readme.replace(table, "")
+    assert [line.count("`ttempc`") for line in said.splitlines()] == [1, 1, 1]
     for name in leaderboard.trial_files():
         own = {entry: row[name] for entry, row in by_entry.items()}
         for one, other in itertools.permutations(short[name], 2):

@@ -61,6 +61,7 @@ WRONG_TABLES = {
     "soil.tramlines=[{kind='path', track_m=0.2}]": "soil.tramlines.0: got tracks 0.3 m wide",
     "soil.name='moist'": "soil: got name 'moist' and cone_index_kpa 600",
     "sensors.gnss_antenna='corrected'": "sensors: gnss_antenna 'corrected'",
+    " ": "must be key.key=value",
     "terrain": "--set terrain: must be key.key=value",
 }
 
@@ -103,7 +104,7 @@ def test_a_refusal_names_key_value_and_allowed_values_in_one_line():
 
 
 def test_the_schema_refuses_what_a_scenario_refuses_but_relations_of_keys(validator):
-    related = ("got tracks", "got height_m", "got name", "gnss_antenna", "--set terrain:")
+    related = ("got tracks", "got height_m", "got name", "gnss_antenna", "must be key.key")
     tables = [text for text, words in WRONG_TABLES.items() if not any(r in words for r in related)]
     unknown = [text for text in UNKNOWN_KEYS if "options" not in text]
     own_rules = ("nan", "inf", "options", "estimator")

@@ -1,5 +1,8 @@
 """Records and sinks: rows by field name, events, and a tee to several sinks."""
 
+import tracemalloc
+
+import numpy as np
 import pytest
 from proving_ground.testbed.recording.channels import (
     STATE,
@@ -42,3 +45,20 @@ def test_data_frames_hold_the_record_to_the_bit():
     assert frames["/state"].index.name == "time_s"
     assert frames["/state"].loc[0.1].tolist() == values
     assert tuple(frames["/state"].columns) == STATE.fields
+
+
+@pytest.mark.parametrize("rows", [900, 900_000])
+def test_memory_does_not_grow_with_the_run_nor_do_its_rows_change(rows):
+    recorder, block = Recorder([PAIR]), np.random.default_rng(1).normal(size=(900, 3))
+    tracemalloc.start()
+    for _ in range(rows // 900):
+        recorder.rows(PAIR, block[:, 0], block[:, 1:])
+    table = recorder.record()[PAIR]
+    live, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert live < peak < 8e6 < 24 * 900_000
+    recorder.row(PAIR, 0.0, (1.0, 2.0))
+    assert len(table) == rows
+    assert len(recorder.record()[PAIR]) == rows + 1
+    for column, values in ((table.time_s, 0), (table["a_m"], 1), (table["b_m"], 2)):
+        np.testing.assert_array_equal(column, np.tile(block[:, values], rows // 900))

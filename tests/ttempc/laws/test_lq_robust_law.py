@@ -170,11 +170,12 @@ def test_what_lies_in_the_set_lies_within_the_half_widths():
     disturbance = DisturbanceSet(SKEW)
     design = replace(DESIGN, disturbance=disturbance)
     options = ArticulatedOptions(tightening="none")
-    law = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options, design).feedback.law
+    feedback = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options, design).feedback
+    law, outputs = feedback.law, feedback.mpc.horizon.stages.outputs
     report = np.zeros(20)
     for k, raw in enumerate(generator.uniform(-1.2, 1.2, size=(60, 7))):
         nominal, deviation = generator.normal(size=7), disturbance.axes @ raw
-        report_tube(k, law, nominal, deviation, report)
+        report_tube(k, law, outputs, nominal, deviation, report)
         assert report[0] == (np.abs(raw).max() <= 1.0)
         assert report[1] == pytest.approx(1.0 - np.abs(raw).max())
         np.testing.assert_allclose(report[2:11], report_rows(OUTPUTS)[k] @ nominal)
