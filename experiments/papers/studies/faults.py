@@ -159,8 +159,7 @@ def alarms(case: Case) -> Row:
     """Return the hours driven, and the alarms that began by detector.
 
     `reported`: the vehicle went on; `acted`: it slowed down, stopped or did without a sensor;
-    `slipping`: an alarm of slip while the driven wheels truly slipped. `checked`: the vehicle stood
-    to see whether GNSS drifts.
+    `slipping`: an alarm of slip while the wheels truly slipped; `checked`: a stop to look at GNSS.
     """
     assembly, recorder = assemble(load(case.scenario)[1], case.seed), Recorder()
     guidance, period_s = assembly.guidance, assembly.guidance.period_s
@@ -183,8 +182,9 @@ def alarms(case: Case) -> Row:
             slip = 1.0 - state["v_mps"][span].mean() / state["v_rim_mps"][span].mean()
             kind = "slipping" if slip > _SLIPS else kind
         counts[kind][alarm.detector] += 1
-    if any(alarm.reason.startswith("GNSS drifts") for alarm in guidance.alarms):
-        counts["acted"]["drift"] += 1
+    counts["acted"].update(
+        one.detector for one in guidance.alarms if "GNSS drifts by" in one.reason
+    )
     return {"hours": ended.duration_s / 3600.0, **{kind: {**n} for kind, n in counts.items()}}
 
 
