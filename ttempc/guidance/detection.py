@@ -448,7 +448,7 @@ def _observe_estimate(
     sx, sy, cx, cy = e.map_disturbance
     dx, dy, side = sx - s.accepted[0], sy - s.accepted[1], math.hypot(sx, sy)
     excess = max(0.0, -(sx * cx + sy * cy) / max(side, 1e-9) - side)
-    ratio = math.hypot(dx, dy) / (_DRIFT[0] * max(1.0, rough) ** 0.35 + _SLOPE * excess)
+    ratio = math.hypot(dx, dy) / (_DRIFT[0] * max(1.0, 0.8 + 0.2 * rough) + _SLOPE * excess)
     wheel = e.disturbance[4] - gear * (cx * math.cos(x[2]) + cy * math.sin(x[2]))
     statistic[DetectorIndex.DRIFT] = limit if checks else 0.0  # until it has passed
     if 0.0 < span_s <= 1.0 and math.isfinite(ratio + wheel) and not checks:
