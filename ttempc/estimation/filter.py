@@ -47,6 +47,7 @@ _JOINT: Final = int(AugmentedState.PAST_I)
 _SENSORS: Final = len(SensorIndex)
 _INPUTS: Final = len(Input)
 _CHANGE: Final = 1 + _INPUTS  # column of a row of commands: see `predict_until`
+_SIDE: Final = int(AugmentedState.SIDE_X)
 _SLIPS: Final = int(AugmentedState.SLIP_T)  # the first of the mapped disturbances
 _UNWEIGHED: Final = int(SensorIndex.IMU_TRACTOR)  # the first sensor without a reading at the start
 
@@ -81,6 +82,8 @@ FILTER: Final = np.dtype(
         ("memory_s", "f8"),
         ("unfollowed", "f8", STATES),  # variances of what no state follows, but that of the speed
         ("fast_speed", "f8"),  # variance of the speed at 1 m/s and a factor of 1, likewise
+        ("roll_arm", "f8"),  # shift of the trailer's position by the slip on a slope [m/rad]
+        ("line", "f8"),  # between both positions on a straight [m]
         ("side_per_slope", "f8"),  # side slip on a slope [rad/rad]
     ]
 )
@@ -752,12 +755,27 @@ def observe_filter(
 
 @cached_njit(error_model="numpy")
 def write_moment(parameters: FloatArray, moment: FloatArray, estimate: FloatArray) -> None:
-    """Write what an `ESTIMATE` has from a `MOMENT`; nothing came in at it."""
+    """Write what an `ESTIMATE` has from a `MOMENT`; nothing came in at it.
+
+    The covariance is the filter's and that of what no state follows (Jazwinski 1970, sec. 8.4). On
+    a slope the axle points, at different heights above it, are shifted against each other: half of
+    that goes into the position, and the line between them turns. The slope's square is that of the
+    side slip on it, less its variance.
+    """
     f, now, e = record(parameters, FILTER), record(moment, MOMENT), record(estimate, ESTIMATE)
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
     write_estimate(x, now.covariances[0], parameters[:FADING], estimate)
     for i in range(STATES):
         e.covariance[i, i] += f.unfollowed[i]
+    side, of_side = x[_SIDE : _SIDE + 2], now.covariances[0, _SIDE : _SIDE + 2, _SIDE : _SIDE + 2]
+    square, variance = side[0] ** 2 + side[1] ** 2, of_side[0, 0] + of_side[1, 1]
+    if square > variance:
+        arm, psi_i = f.roll_arm**2 * (1.0 - variance / square), x[AugmentedState.PSI_I]
+        across = side[1] * math.cos(psi_i) - side[0] * math.sin(psi_i)
+        e.covariance[State.PSI_I, State.PSI_I] += arm * (across / f.line) ** 2
+        for i in range(2):
+            for j in range(2):
+                e.covariance[i, j] += 0.25 * arm * side[i] * side[j]
     rim = now.augmented[0, AugmentedState.RIM]
     e.covariance[State.V, State.V] += now.scales[0, 0] * f.fast_speed * rim * rim
     for n in range(SCALES):
@@ -870,6 +888,10 @@ def filter_parameters(
     f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
     f["memory_s"] = memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance
+    f["line"] = vehicle.hitch_offset + vehicle.drawbar_length + vehicle.trailer_length
+    # A bias of roll turns the line between both antennas for good
+    f["unfollowed"][State.PSI_I] = (sensors.lean_bias / f["line"]) ** 2
+    f["roll_arm"] = process.axle_heights / process.slip_per_slope
     f["unfollowed"][State.DELTA_T] = sensors.angle_offset**2  # `STEERING` takes it up
     if sensors.angle_offset:
         f["unfollowed"][State.DELTA_I] = process.joint**2

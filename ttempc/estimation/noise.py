@@ -67,9 +67,13 @@ class SensorNoise:
 
         A bias of the attitude is in it as if it were fixed in the map: it turns with the vehicle.
         """
-        heights = math.hypot(self.antenna_height_t, self.antenna_height_i)
         own = 0.5 * (1.0 - self.gnss_shared) * (1.0 - self.gnss_white_share) * self.gnss**2
-        return own + (0.5 * heights * self.attitude_bias) ** 2
+        return own + (0.5 * self.lean_bias) ** 2
+
+    @property
+    def lean_bias(self) -> float:
+        """Deviation of what a bias of both attitudes moves one antenna beside the other [m]."""
+        return math.hypot(self.antenna_height_t, self.antenna_height_i) * self.attitude_bias
 
     @property
     def position_variance(self) -> float:
@@ -151,25 +155,28 @@ class ProcessNoise:
     slip_lateral: float = 0.0056  # rear axle side slip: position across the tractor [m/sqrt(m)]
     yaw_t: float = 0.014  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
     yaw_i: float = 0.006  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
-    bump_steering: float = 0.0009  # forces on both steering linkages [rad/sqrt(m)]
+    bump_steering: float = 0.001  # forces on both steering linkages [rad/sqrt(m)]
     slip_walk: float = 0.0002  # random walk of the persistent side slips [rad/sqrt(m)]
     side_walk: float = 0.0004  # random walk of the side slip on a slope [rad/sqrt(m)]
     # To the factor WHEEL
     wheel_walk: float = 0.0057  # random walk of the persistent wheel slip [1/sqrt(m)]
     climb_walk: float = 0.0014  # random walk of the wheel slip on a slope [1/sqrt(m)]
     # To the factor VALVES
-    steering: float = 0.0015  # lag and play of both steering valves [rad/sqrt(s)]
+    steering: float = 0.00165  # lag and play of the front steering valve [rad/sqrt(s)]
+    steering_i: float = 0.0009  # of the trailer's [rad/sqrt(s)]
     # Fixed
     drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
     joint: float = 0.0005  # what loads turn RJ2 beside its set point, at the start [rad]; assumed
-    joint_walk: float = 0.0003  # random walk of it at a factor GROUND of 1 [rad/sqrt(m)]
+    joint_walk: float = 0.0002  # random walk of it at a factor WHEEL of 1 [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
     side_per_slope: float = 0.0  # side slip on the slope that IMUs show [rad/rad]; 0: not used
+    slip_per_slope: float = 0.2  # of side slip by the slope, for the covariance [rad/rad]; assumed
+    axle_heights: float = 0.1  # tractor's axle point above the trailer's [m]; kayacan2016
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
-    bump_m: float = 0.1  # correlation length of the wheel slip on bumps [m]; from recorded speeds
+    bump_m: float = 0.085  # correlation length of the wheel slip on bumps [m]; from recorded speeds
     map_fading_m: float = 500.0  # the same of map-fixed disturbances [m]; assumed
     # Initial factors, the standard deviation of their logarithm, and its random walk [1/sqrt(m)]
     roughness: float = 0.5
@@ -196,6 +203,8 @@ class ProcessNoise:
         return cls(
             slip_walk=0.0006,
             side_walk=0.0036,
+            yaw_i=0.0053,
+            joint_walk=0.00022,
             slip_lateral=0.0112,
             yaw_t=0.007,
             side_per_slope=0.17,
@@ -217,7 +226,7 @@ class ProcessNoise:
         deviations = np.zeros((2, 1 + SCALES, SIZE))
         (per_second, per_metre), state = deviations, AugmentedState
         per_second[0, [state.RIM, state.DRIVE]] = self.drive, self.drive_walk
-        per_second[1 + NoiseScale.VALVES, _STEERING] = self.steering
+        per_second[1 + NoiseScale.VALVES, _STEERING] = self.steering, self.steering_i
         per_metre[0, state.STEERING] = self.steering_walk
         ground, wheel = per_metre[1 + NoiseScale.GROUND], per_metre[1 + NoiseScale.WHEEL]
         ground[[state.SLIP_T, state.SLIP_I]] = self.slip_walk
@@ -234,7 +243,7 @@ class ProcessNoise:
                 half[0, entries] = math.sqrt(2.0 * variance * rate)  # Gelb 1974, sec. 3.6
         per_metre[0, [state.OFFSET_I, state.OFFSET_HITCH]] = _OFFSET_WALK * sensors.angle_offset
         if not sensors.angle_offset:
-            ground[state.OFFSET_I] = self.joint_walk
+            wheel[state.OFFSET_I] = self.joint_walk
         if sensors.yaw_rate:
             per_second[0, [state.GYRO_T, state.GYRO_I]] = sensors.yaw_rate_walk
         return np.square(deviations)

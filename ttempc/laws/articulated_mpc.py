@@ -100,6 +100,8 @@ class MpcOptions(HorizonTuning):
 class NominalOptions(MpcOptions):
     """Options of `ttempc-nominal`; its weights are those of a search of its own, of 39 sets."""
 
+    # As of `MpcOptions`; with front wheels near their stop turned starts settle earlier
+    input_bound: tuple[float, ...] = (math.radians(32.0), math.radians(20.0), 0.5)
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 3.36)
     step_weight: tuple[float, ...] = (0.1, 0.095, 0.32)
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
@@ -202,6 +204,9 @@ _RESPONSE_S: Final = 0.8
 # across the path on which the MPC acts, and the limit along it; tuned on entries
 _CAPTURE: Final = math.radians(25.0)
 _AHEAD_M: Final = 0.3
+_TRACTOR: Final = (
+    0.55  # of the tractor's error across there, which swings the bodies else; tuned so
+)
 
 
 def articulated_controller(
@@ -263,6 +268,7 @@ def articulated_controller(
     hitch = hitch_bounds(course.grid, course.vehicle, limit, spread, front, a, period_s)
     soft = hitch.beside(soft)
     entry = damped(a, c, period_s, options.damping_s)
+    entry[:, 1] *= _TRACTOR if vehicle.reverse else 1.0
     # the rows that change: along a long reference these matrices are the largest
     a, b = a[:, : len(State)].copy(), b[:, : len(State)].copy()
     horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, entry)

@@ -64,7 +64,7 @@ PARTS: Final = {
     "feedforward": _named("feedforward"),
     "+ LMPC": _options(robust=False, disturbances=False),
     "+ LMPC, robust": _options(disturbances=False, tightening="none"),
-    "+ LMPC, disturbance (`ttempc-nominal`)": _options(robust=False),
+    "+ LMPC, disturbance": _options(robust=False),
     "+ LMPC, disturbance, robust": _options(tightening="none"),
     "+ LMPC, disturbance, robust, growing tube (`ttempc`)": (),
 }
