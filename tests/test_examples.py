@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -76,9 +77,17 @@ def test_a_geometric_law_drives_a_curve(law, monkeypatch):
         simulate(*backward, 11, factory=make)
 
 
+needs_acados = pytest.mark.skipif(not find_spec("acados"), reason="needs comma-deps-acados")
+
+
 @pytest.mark.filterwarnings("ignore")  # of CasADi and do-mpc, about their own parts
 @pytest.mark.parametrize(
-    ("example", "factory"), [("casadi_mpc.py", "CasadiMpc"), ("do_mpc_controller.py", "DoMpc")]
+    ("example", "factory"),
+    [
+        ("casadi_mpc.py", "CasadiMpc"),
+        ("do_mpc_controller.py", "DoMpc"),
+        pytest.param("acados_mpc.py", "AcadosMpc", marks=needs_acados),
+    ],
 )
 @pytest.mark.parametrize("reverse", [False, True])
 def test_a_controller_of_an_outsider_drives(example, factory, reverse, monkeypatch):

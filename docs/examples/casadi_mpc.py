@@ -5,7 +5,8 @@
 
 Needs `pip install casadi`. The model is the articulated vehicle of docs/architecture.md, with the
 side slips, the steering bias and the drive disturbance of the estimate held over the horizon. The
-weights are the best of 13 settings on the seeds 1 to 3 of the trials `wet-slope` and `tool`.
+weights are the best of 13 settings forward and of 6 in reverse, in some 110 runs of the benchmark's
+trials with tuning seeds; the shipped controllers had 400 to 700.
 """
 
 import casadi as ca
@@ -14,6 +15,7 @@ import numpy as np
 from ttempc import Command
 
 STATES, INPUTS, DISTURBANCES = 7, 3, 5
+REVERSE = 0.002, 0.2, 10.0, 1.0  # weights in reverse: less on the yaw angles ends in a jack-knife
 
 
 def derivative(x, u, w, vehicle):
@@ -68,11 +70,13 @@ class CasadiMpc:
         reference,
         period_s,
         horizon=12,
-        steering=2e-3,
-        moves=0.2,
-        trailer=10.0,
-        heading=0.01,
+        steering=0.018,
+        moves=2.8,
+        trailer=140.0,
+        heading=0.056,
     ):
+        if vehicle.reverse:
+            steering, moves, trailer, heading = REVERSE
         self.horizon = horizon
         self.reference = reference.on_grid(period_s, beyond=horizon + 1)
         step = step_of(vehicle, period_s)

@@ -1,9 +1,9 @@
-"""Attacks by files that are none and by kill -9, each in a process of its own, counted by class.
+"""Attacks by files, code, crowds, threads and kill -9, each in a process of its own, by class.
 
     python -m proving_ground.experiments.papers.attacks
 
 An attack has failed where an exception escapes, a refusal is not one line with exit code 2, or a
-sweep that was killed and continued has other rows than one left alone.
+sweep that was killed and continued, or a run beside others, has other numbers than one left alone.
 """
 
 import contextlib
@@ -17,11 +17,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import permutations
 from pathlib import Path
 from typing import Final
 
+from ...testbed.recording.channels import CONTROL
 from ..commands.cli import main as ttempc
+from ..run.simulate import simulate
+from ..scenario.scenario import load
 from ..sweep.results import rows
 from .pages import ROOT
 from .tables import markdown
@@ -101,10 +106,64 @@ def kills(folder: Path) -> Iterator[Attack]:
         yield partial(killed, folder / str(k), draw.uniform(0.0, takes_s))
 
 
+def trust(folder: Path) -> Iterator[Attack]:
+    """Scenarios and studies that name code in this folder, without `--trust`: it does not run."""
+    (folder / "evil.py").write_text("def make(*parts, **options): raise RuntimeError")
+    sys.path.insert(0, str(folder))
+    stage = "[[stages]]\nmake = 'evil:make'\nafter = "
+    named = ("[controller]\nname = 'evil:make'", "[controller]\nestimator = 'evil:make'")
+
+    def untouched(*words: object) -> str | None:
+        return command(*words) or (f"{words}: imported" if "evil" in sys.modules else None)
+
+    for k, text in enumerate((*named, f"{stage}'sense'", f"{stage}'control'")):
+        scenario, study = folder / f"{k}.toml", folder / f"study{k}.toml"
+        scenario.write_text(f"[path]\n{STRAIGHT}{text}")
+        study.write_text(f"scenario = '{scenario}'\nseeds = 1\n")
+        for words in (
+            ("run", scenario),
+            ("serve", scenario),
+            ("search", "rays", scenario, "slope"),
+        ):
+            yield partial(untouched, *words, "-o", folder / "out")
+        yield partial(untouched, "sweep", study, "--workers", "0", "-o", folder / "out")
+
+
+def crowds(folder: Path) -> Iterator[Attack]:
+    """Three runs into one folder at once: one is made, the others are refused."""
+    scenario = folder / "short.toml"
+    scenario.write_text(f"[path]\n{STRAIGHT}")
+
+    def together(place: Path) -> str | None:
+        one = partial(command, "run", scenario, "-q", "-o", place, codes=(0,))
+        with ThreadPoolExecutor(3) as pool:
+            said = sorted(pool.map(isolated, [one] * 3))
+        made = said[0] == "" and all("exit code 2" in text for text in said[1:])
+        return command("log", "check", place, codes=(0,)) if made else str(said)
+
+    yield from (partial(together, folder / str(k)) for k in range(12))
+
+
+def threads(_folder: Path) -> Iterator[Attack]:
+    """Four simulations in threads have the same bits as alone."""
+
+    def commands(controller: str) -> bytes:
+        keys = "path={kind='straight', length_m=6.0}", f"controller.name='{controller}'"
+        return simulate(*load("pavement", keys), 1)[1][CONTROL].values.tobytes()
+
+    def beside(names: tuple[str, ...]) -> str | None:
+        with ThreadPoolExecutor(len(names)) as pool:
+            made = list(pool.map(commands, names))
+        return None if made == list(map(commands, names)) else f"{names}: other bits"
+
+    for names in permutations(("ttempc", "pid", "lqr", "ttempc-nominal")):
+        yield partial(beside, names)
+
+
 def main() -> int:
     """Attack and print a table; return 1 where anything failed."""
     lines, wrong = [], []
-    for attacks in (kills, files):
+    for attacks in (kills, files, trust, crowds, threads):
         with tempfile.TemporaryDirectory() as place:
             failures = [isolated(attack) for attack in attacks(Path(place))]
         wrong += filter(None, failures)

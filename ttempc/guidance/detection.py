@@ -4,8 +4,9 @@ The built-in ones are compiled, `observe_monitors`, and remember all in a flat r
 names and words are views of it.
 
 The limits of repetitions, steering, motion, wheels and innovations give at most one false alarm in
-ten hours together on every shipped scenario, from tuning seeds; those of noise, hitch, position and
-drift are set by hand above what fault-free drives reached. How often they are wrong is in the table
+ten hours together on every shipped scenario, from tuning seeds; those of noise, hitch and position
+are set by hand above what fault-free drives reached, those of drift as a trade of stops for a check
+against the way until a drift is found. How often they are wrong is in the table
 of false alarms of docs/appendix/faults.md. An allowance is half of the shift of a residual that is
 to be detected (Montgomery, Introduction to Statistical Quality Control, ch. 9): a steering angle
 2.5 deg off its command, a speed 0.6 m/s, of motion 0.7 m/s off; assumed.
@@ -121,19 +122,20 @@ _HITCH_SLIP: Final = 0.032  # [rad] side slip of tractor less that of the traile
 _POSITION_M: Final = 0.25, 0.12
 _POSITION_S: Final = 10.0  # memory of dead reckoning
 _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side slip; assumed
-# Of the speed: common to both slips, side slip alone, each at first and of the mean of a minute of
-# what looks like a slope; wheel slip below 0.
-_DRIFT: Final = 0.0095, 0.6, 0.013, 0.8, 0.04
-_STEEP: Final = 0.03  # that mean from which on the first limit grows, and the field is a slope
-_SLOPES_S: Final = 60.0
-# On parallel tracks alone a slope across them, a slip along them and a drift are one.
-_HEADING_S: Final = 40.0
-_JUDGED_S: Final = 20.0  # from the start on: before, a turned entry is many of the headings
-_LEAST_SPREAD: Final = 0.25  # of headings: 0 on parallel tracks, near 1 on a circle
+# Of the drift: change of the side slip fixed in the map, at a roughness of 1 [rad], and of the
+# wheel slip beside that on slopes; mean of the former, short and usual mean of the latter.
+_DRIFT: Final = 0.008, 0.07
+_DRIFT_S: Final = 3.0, 1.5, 30.0
+_SLOPE: Final = 2.0  # by which the former grows with wheel slip beyond that of a drift
+_JUDGED_S: Final = 20.0  # from the start on
+_PASSED: Final = 1.4, 4.0, 300.0  # by which a check raises both, at most; fades in seconds; assumed
+_STOOD_S: Final = 1.6, 4.0, 20.0  # to come to rest, least and longest check; assumed
+_STOOD_MPS: Final = 0.012  # of GNSS at rest, and deviations of the white noise within it; assumed
+_STOOD_SIGMAS: Final = 5.0
+_FAILED: Final = 2.0  # checks in succession that confirm a drift: a vehicle may creep in one
 _ROUGH_S: Final = 30.0  # mean of the learnt roughness
-_DRIFT_S: Final = 3.0  # for which they are averaged
-_SLOPE: Final = 1.55  # least wheel slip on a slope over the side slip
 _MOVING: Final = 0.1  # [m/s]
+_RESTS: Final = 0.05  # likewise
 _SPUN_S: Final = 20.0  # that a vehicle takes to stand; assumed
 _LEVEL: Final = 1.2, math.sqrt(2.0 * math.log(1e5))  # [m]; deviations at a risk of 1e-5 a tick
 _SURE_M: Final = 0.2  # four standard deviations of a position that is known
@@ -199,6 +201,7 @@ MONITORS: Final = np.dtype(
         ("positions", "f8", (2, 1 + 102, 3)),  # x, y [m] of a second, by receiver
         ("differences", "f8", _DIFFERENCES),  # unsigned, of second order [m]: a ring
         ("difference_count", "f8"),  # of all so far
+        ("position_sd", "f8"),  # of their white noise [m]
         ("sent", "f8", (1, 1 + 202, 3)),  # end and hydrostat position of each command
         ("plan", "f8", (1, 1 + 402, 3)),  # speed [m/s] without a sign
         ("encoder", "f8", (1, 1 + 602, 3)),  # speed [m/s], forward in the gear
@@ -227,13 +230,16 @@ MONITORS: Final = np.dtype(
         ("whitened", "f8", (1, 1 + 102, 3)),  # sum of the hitch's innovations, their number
         ("pose", "f8", 6),  # of the last estimate: time, x, y, yaw, speed, sd of the position
         ("offset", "f8", 2),  # of the position from dead reckoning [m]
-        ("accepted", "f8", 4),  # disturbances fixed in the map that are true
-        ("drift", "f8"),  # mean of what no slope explains
-        ("heading", "f8", 2),  # mean of a vector at twice the yaw
+        ("accepted", "f8", 2),  # side slip fixed in the map that is true
+        ("drift", "f8"),  # mean of its change
         ("rough", "f8"),  # mean of the learnt factor of roughness
-        # Means: both slips as a slope; wheel slip of a second, of a minute, by the plan of a
-        # second; side slip in the map of a minute
-        ("slips", "f8", 6),
+        ("slips", "f8", 2),  # wheel slip beside that on slopes: means, short and usual
+        ("passed", "f8"),  # factor of the limits of a drift after checks
+        ("rests_s", "f8"),  # since when the vehicle is at rest in a check, NaN: not yet
+        # From there on: samples, sums of time, its square, x, x * time, y, y * time
+        ("stood", "f8", 7),
+        ("stood_at", "f8", (2, 2)),  # first position [m] of each receiver
+        ("drifts", "f8"),  # times that GNSS moved while the vehicle stood
         ("spun_s", "f8"),  # last time at which the wheels may have spun
         ("workspace", "f8", 102 * 101 // 2),  # slopes of a second; means of the response
     ]
@@ -249,8 +255,9 @@ def new_monitors() -> FloatArray:
     s["reading"][:, 0] = s["steered_s"] = s["spun_s"] = -math.inf
     s["residual"][DetectorIndex.STEERING :] = s["least"][..., 1] = math.nan
     s["valve"] = s["angle"] = s["sample"] = s["reading"][:, 2:5] = math.nan
-    s["pose"] = s["noise"][:, :2] = math.nan
-    s["rough"], s["noise"][:, 8] = 1.0, math.inf
+    s["pose"] = s["noise"][:, :2] = s["slips"] = s["rests_s"] = math.nan
+    s["rough"] = s["passed"] = 1.0
+    s["noise"][:, 8] = s["position_sd"] = math.inf
     s["mean"] = s["moved"] = math.inf  # of a valve that has not stood yet
     s["scale"], s["mean_square"] = 1.0, _PLAY_AT_START**2
     return flat
@@ -412,8 +419,6 @@ def _observe_estimate(
         elif not held:
             s.offset[0] = s.offset[1] = 0.0
     if math.isfinite(x[0] + x[1] + x[2] + x[6]):
-        if s.heading[0] == 0.0 and s.heading[1] == 0.0:
-            s.heading[0], s.heading[1] = math.cos(2.0 * x[2]), math.sin(2.0 * x[2])
         last[0], last[1], last[2], last[3], last[4] = now, x[0], x[1], x[2], x[6]
         last[5] = math.sqrt(max(0.0, e.covariance[0, 0], e.covariance[1, 1]))
     # The factor follows a fault as it follows a rough field, so that its mean is taken.
@@ -432,55 +437,53 @@ def _observe_estimate(
     level = bound + (size if held else 0.0) + _LEVEL[1] * math.sqrt(max(0.0, variance))
     for index in range(DetectorIndex.STEERING):
         excluded |= alarms[index, 0] >= 0.0
-    excluded |= max(alarms[DetectorIndex.HITCH, 0], alarms[DetectorIndex.DRIFT, 0]) >= 0.0
+    excluded |= alarms[DetectorIndex.HITCH, 0] >= 0.0
     excluded |= alarms[DetectorIndex.WHEELS, 0] == _GO_ON
     residuals[DetectorIndex.PROTECTION] = s.present[DetectorIndex.PROTECTION, 1] = level
     statistic[DetectorIndex.PROTECTION] = level if excluded and level == level else 0.0
 
-    # A drift of w changes side and wheel slip by w and -w over the speed, a slope the wheel slip
-    # more than the side slip.
-    sx, sy = e.map_disturbance[0] - s.accepted[0], e.map_disturbance[1] - s.accepted[1]
-    cx, cy = e.map_disturbance[2] - s.accepted[2], e.map_disturbance[3] - s.accepted[3]
-    wx, wy = 0.5 * (sx - cx), 0.5 * (sy - cy)
-    size = math.hypot(wx, wy)
-    along = (wx * (sx + cx) + wy * (sy + cy)) / max(size, 1e-9)
-    drift = size - 0.5 * along
-    if along < 0.0:
-        drift = size + 0.5 * (_SLOPE + 1.0) / (_SLOPE - 1.0) * along
-    share = -(sx * cx + sy * cy) / max(cx * cx + cy * cy, 1e-12)
-    share = min(max(share, 0.0), 1.0 / _SLOPE)
-    side = math.hypot(sx + share * cx, sy + share * cy)
-    slips, wheel, planned = s.slips, e.disturbance[4], s.present[DetectorIndex.MOTION, 3]
-    bound = _DRIFT[0] * math.sqrt(max(1.0, rough)) + _DRIFT[1] * max(0.0, slips[0] - _STEEP)
-    ratio = max(drift, 0.0) / bound
-    ratio = max(ratio, side / (_DRIFT[2] + _DRIFT[3] * slips[0]))
-    faster = 0.0
-    if 0.0 < span_s <= 1.0 and math.isfinite(ratio + wheel) and abs(x[6]) > _MOVING:
-        if now >= _SETTLED_S:
-            level, share = math.hypot(e.disturbance[0], wheel / _SLOPE), min(1.0, span_s / now)
-            share = 1.0 if slips[0] == 0.0 else max(share, span_s / _SLOPES_S)
-            slips[0] += share * (level - slips[0])
-            slips[1] += span_s * (wheel - slips[1])
-            slips[2] += share * (wheel - slips[2])
-            slips[4] += share * (e.map_disturbance[0] - slips[4])
-            slips[5] += share * (e.map_disturbance[1] - slips[5])
-            by_plan = 1.0 - abs(x[6]) / planned if planned > _MOVING else 0.0
-            slips[3] += span_s * (by_plan - slips[3])
-            # Wheel slip is negative down a slope, by the side slip of a minute of all headings.
-            down = gear * (slips[4] * math.cos(x[2]) + slips[5] * math.sin(x[2]))
-            usual = min(0.0, slips[2], -_SLOPE * down if slips[0] > _STEEP else 0.0)
-            faster = min(usual - slips[1], -slips[3]) / _DRIFT[4]
-        # All headings so far count alike at first, so that those of an entry do not count for long.
-        weight = min(1.0, span_s / min(_HEADING_S, now))
-        s.heading[0] += weight * (math.cos(2.0 * x[2]) - s.heading[0])
-        s.heading[1] += weight * (math.sin(2.0 * x[2]) - s.heading[1])
-        spread = 1.0 - math.hypot(s.heading[0], s.heading[1])
-        judged = now >= _JUDGED_S and spread >= _LEAST_SPREAD
-        s.drift += min(1.0, span_s / _DRIFT_S) * ((ratio if judged else 0.0) - s.drift)
-    statistic[DetectorIndex.DRIFT] = residuals[DetectorIndex.DRIFT] = max(s.drift, faster)
-    if alarms[DetectorIndex.DRIFT, 0] >= 0.0:  # for good
-        statistic[DetectorIndex.DRIFT] = max(1.0, statistic[DetectorIndex.DRIFT])
-    s.present[DetectorIndex.DRIFT, 1] = abs(x[6]) * size * 100.0
+    # A drift of w adds side and wheel slips of w and -w over the speed, fixed in the map.
+    limit, checks = s.limit[DetectorIndex.DRIFT], alarms[DetectorIndex.DRIFT, 0] >= 0.0
+    slips, most = s.slips, s.passed
+    sx, sy, cx, cy = e.map_disturbance
+    dx, dy, side = sx - s.accepted[0], sy - s.accepted[1], math.hypot(sx, sy)
+    excess = max(0.0, -(sx * cx + sy * cy) / max(side, 1e-9) - side)
+    ratio = math.hypot(dx, dy) / (_DRIFT[0] * max(1.0, 0.8 + 0.2 * rough) + _SLOPE * excess)
+    wheel = e.disturbance[4] - gear * (cx * math.cos(x[2]) + cy * math.sin(x[2]))
+    statistic[DetectorIndex.DRIFT] = limit if checks else 0.0  # until it has passed
+    if 0.0 < span_s <= 1.0 and math.isfinite(ratio + wheel) and not checks:
+        s.passed = most = 1.0 + (most - 1.0) * math.exp(-span_s / _PASSED[2])
+        if abs(x[6]) > _MOVING and now >= _JUDGED_S:
+            s.drift += min(1.0, span_s / _DRIFT_S[0]) * (ratio - s.drift)
+            for n in range(2):
+                old = slips[n] if slips[n] == slips[n] else wheel
+                slips[n] = old + min(1.0, span_s / _DRIFT_S[1 + n]) * (wheel - old)
+        ratio = s.drift
+        if slips[0] == slips[0]:
+            ratio = max(ratio, abs(slips[0] - slips[1]) / _DRIFT[1])
+        statistic[DetectorIndex.DRIFT] = ratio / most
+        if ratio > most * limit:
+            s.present[DetectorIndex.DRIFT, 1] = 100.0 * abs(x[6]) * math.hypot(dx, dy)
+    elif checks and s.drifts < _FAILED:
+        if not abs(x[6]) <= _RESTS or math.isnan(s.rests_s):
+            s.rests_s, s.stood[:], s.stood_at[:] = now, 0.0, math.nan
+        # Both receivers have one velocity, by least squares.
+        n, t, tt, px, ptx, py, pty = s.stood
+        n, long_s = max(n, 1.0), now - s.rests_s - _STOOD_S[0]
+        spread = max(tt - t * t / n, 1e-9)
+        found = math.hypot(ptx - t * px / n, pty - t * py / n) / spread
+        noise = _STOOD_SIGMAS * s.position_sd / math.sqrt(spread)
+        if long_s >= (_STOOD_S[1] if noise <= _STOOD_MPS else _STOOD_S[2]):
+            s.rests_s = math.nan
+            s.drifts = s.drifts + 1.0 if found > max(_STOOD_MPS, noise) else 0.0
+            alarms[DetectorIndex.DRIFT, 1] = 100.0 * found
+            alarms[DetectorIndex.DRIFT, 2] = 1.0 if s.drifts >= _FAILED else 0.0
+            if s.drifts == 0.0:
+                statistic[DetectorIndex.DRIFT] = s.drift = 0.0
+                s.accepted[0], s.accepted[1] = sx, sy
+                slips[0] = slips[1] = math.nan
+                s.passed = min(_PASSED[0] * most, _PASSED[1])
+    residuals[DetectorIndex.DRIFT] = statistic[DetectorIndex.DRIFT]
 
 
 @_compiled
@@ -544,6 +547,14 @@ def _observe_speeds(
             if span_s <= 0.0 or way > _FASTEST_MPS * span_s + _LARGEST_ERROR_M:
                 continue
         new = True
+        if time_s >= s.rests_s + _STOOD_S[0]:
+            past_s, origin = time_s - s.rests_s - _STOOD_S[0], s.stood_at[sensor]
+            if origin[0] != origin[0]:
+                origin[0], origin[1] = x, y
+            dx, dy = x - origin[0], y - origin[1]
+            terms = (1.0, past_s, past_s**2, dx, dx * past_s, dy, dy * past_s)
+            for n in range(7):
+                s.stood[n] += terms[n]
         count = _remember(kept, -math.inf, time_s, x, y)
         for axis in range(1, 3 if count > 2 else 1):
             bend = abs(kept[count, axis] - 2.0 * kept[count - 1, axis] + kept[count - 2, axis])
@@ -596,7 +607,8 @@ def _observe_speeds(
         if count >= _LEAST_DIFFERENCES:
             for n in range(count):
                 work[n] = differences[n]
-            sd = _MEDIAN_TO_SD * _median(work, count) * math.sqrt(inverse) / spans
+            s.position_sd = _MEDIAN_TO_SD * _median(work, count)
+            sd = s.position_sd * math.sqrt(inverse) / spans
         planned = _mean(plan, begin_s, end_s)
         for which in range(2):
             index, sums = DetectorIndex.MOTION + which, s.speed_sums[which]
@@ -783,8 +795,7 @@ def _observe_steering(
     # spin, dead reckoning is worse.
     if alarms[DetectorIndex.WHEELS, 0] > _GO_ON or alarms[DetectorIndex.MOTION, 0] >= 0.0:
         s.spun_s = now
-    fooled = max(alarms[DetectorIndex.POSITION, 0], alarms[DetectorIndex.DRIFT, 0]) >= 0.0
-    fooled &= now - s.spun_s > _SPUN_S
+    fooled = alarms[DetectorIndex.POSITION, 0] >= 0.0 and now - s.spun_s > _SPUN_S
     for sensor in range(2 if fooled and abs(s.pose[4]) > _MOVING else 0):
         unused[sensor] = 1.0
 
@@ -859,16 +870,12 @@ def observe_monitors(
     where both receivers lie alike (jump, drift, float) the error may be larger: the table of
     docs/appendix/reliability.md. The statistic is 0 as long as all sensors are used.
 
-    Drift: with a common drift w of both receivers in the map, a speed v and all headings, the
-    filter finds the side slip s = w / v and the wheel slip c = -w / v, both fixed in the map. A
-    slope of the ground has c = -r s with r of 1.55 at least. The statistic is the larger ratio to
-    its limit of |s - c| / 2, less the most that a slope may have of it, and of the distance of s
-    from the side slips of a slope with c; the limits grow with the slips of the last minute.
-    Parallel tracks alone do not tell the two apart; there these count 0, as with a tool in the
-    soil. On any heading a vehicle that is faster than its wheels and its plan is a drift: wheel
-    slip below 0, below that of the last minute, and below that of the slope that it drives down,
-    which the side slip of the last minute tells. A drift against the way is slip of a soft soil
-    until the vehicle has turned. GNSS is not used while the vehicle rolls.
+    Drift: at a common drift w of both receivers and a speed v the filter finds a side slip of w / v
+    and a wheel slip of -w / v, fixed in the map; a slope has such slips, too. Where the former
+    leaves the accepted one, by more on a slope that wheel slip shows, or the latter its usual one,
+    the vehicle stops, and GNSS is watched at rest for as long as its noise takes. If it moves twice
+    in succession it drifts, and the vehicle stands until `resume`. Else the side slip is accepted
+    and the vehicle drives on; the limits grow for some minutes. Not with a tool in the soil.
 
     Args:
         parameters: of the vehicle, see `VehicleParameter`.
@@ -914,7 +921,7 @@ _TABLE += [
 _TABLE += [
     ("hitch", 1.0, _GO_ON, "hitch angle contradicts the motion of both bodies: not used"),
     ("position", 1.0, _STOP_ON_PATH, "position is {:.1f} m off dead reckoning"),
-    ("drift", 1.0, _STOP_ON_PATH, "GNSS drifts by {:.0f} cm/s against the wheels"),
+    ("drift", 1.0, _STOP_ON_PATH, "check whether GNSS drifts, as by {:.0f} cm/s"),
     ("protection level", _LEVEL[0], _SLOW, "position known to {:.1f} m without a sensor"),
 ]
 _NAMES, _LIMITS, _REACTIONS, _REASONS = zip(*_TABLE, strict=True)
@@ -1000,9 +1007,9 @@ class Monitors:
     def resume(self, map_disturbance: FloatArray) -> None:
         """Take an estimate with these `MapDisturbance` (4,) for true and every sensor for sound."""
         s = self.record.view(MONITORS)[0]
-        s["pose"], s["offset"], s["whitened"], s["drift"] = math.nan, 0.0, 0.0, 0.0
-        s["slips"] = 0.0
-        s["accepted"] = map_disturbance
+        s["pose"] = s["slips"] = math.nan
+        s["offset"] = s["whitened"] = s["drift"] = s["drifts"] = 0.0
+        s["accepted"] = map_disturbance[:2]
         s["alarms"][DetectorIndex.HITCH :] = -1.0, 0.0, 0.0, 0.0
 
     def forget_pose(self) -> None:
@@ -1044,8 +1051,10 @@ class Monitors:
             unused = frozenset({_SENSORS[index]})
         elif index == DetectorIndex.HITCH:
             unused = frozenset({Sensor.HITCH})
-        elif index in (DetectorIndex.POSITION, DetectorIndex.DRIFT):  # until the vehicle stands
+        elif index == DetectorIndex.POSITION:  # until the vehicle stands
             unused = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
+        elif index == DetectorIndex.DRIFT and numbers[1] > 0.0:
+            reason = f"GNSS drifts by {numbers[0]:.1f} cm/s while the vehicle stands"
         elif index == DetectorIndex.WHEELS and reaction == _GO_ON:
             reason += f", planned {numbers[2]:.2f} m/s: encoder not used"
             unused = frozenset({Sensor.ENCODER})

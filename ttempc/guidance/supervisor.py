@@ -35,7 +35,7 @@ from ..types import (
 )
 from ..vehicle import CommandLimits
 from .dead_time import DeadTimeCompensation
-from .detection import Reaction
+from .detection import DetectorIndex, Reaction
 
 # Modes:
 DRIVE: Final = 0  # the controller drives, at half speed where there is a reason.
@@ -144,6 +144,7 @@ _MARGIN_M: Final = 0.5  # beside what an entry needs; assumed
 _MARGIN_YAW: Final = math.radians(30.0)  # likewise, for a trailer that is turned first; assumed
 _DELAY_S: Final = 1.0  # until the steering turns a vehicle back; assumed
 _TURN: Final = math.tau
+_CHECK: Final = float(DetectorIndex.DRIFT)
 _SLOW_DOWN, _STOP_ON_PATH, _STOP = (
     float(Reaction.SLOW),
     float(Reaction.STOP_ON_PATH),
@@ -267,12 +268,16 @@ def decide(
             if now - g.alarm_s > _FORGOTTEN_S:
                 g.restarts = 0.0
             g.held, g.held_kind = first, strongest
-            for i in range(3):
-                g.held_numbers[i] = alarms[first, 1 + i]
+        elif g.held == _CHECK:
+            g.held = first
+        for i in range(3 if g.held == first else 0):
+            g.held_numbers[i] = alarms[first, 1 + i]
         g.held_kind, g.alarm_s = max(g.held_kind, strongest), now
     else:
-        rests = abs(x[6]) <= _STANDING and now - g.alarm_s >= _QUIET_S
-        if g.held >= 0.0 and rests and g.restarts < _RESTARTS:
+        quiet = now - g.alarm_s >= _QUIET_S and g.restarts < _RESTARTS
+        if g.held == _CHECK:  # which the vehicle has passed
+            g.held = -1.0
+        elif g.held >= 0.0 and abs(x[6]) <= _STANDING and quiet:
             g.held, g.restarts = -1.0, g.restarts + 1.0
     if g.held >= 0.0:
         reaction = g.held_kind

@@ -159,7 +159,7 @@ def alarms(case: Case) -> Row:
     """Return the hours driven, and the alarms that began by detector.
 
     `reported`: the vehicle went on; `acted`: it slowed down, stopped or did without a sensor;
-    `slipping`: an alarm of slip while the driven wheels truly slipped.
+    `slipping`: an alarm of slip while the wheels truly slipped; `checked`: a stop to look at GNSS.
     """
     assembly, recorder = assemble(load(case.scenario)[1], case.seed), Recorder()
     guidance, period_s = assembly.guidance, assembly.guidance.period_s
@@ -176,12 +176,15 @@ def alarms(case: Case) -> Row:
     counts: dict[str, Counter[str]] = {name: Counter() for name in _KINDS}
     for time_s, alarm in begun:
         acted = alarm.reaction is not Reaction.GO_ON or bool(alarm.unused)
-        kind = "acted" if acted else "reported"
+        kind = "checked" if alarm.detector == "drift" else "acted" if acted else "reported"
         if alarm.detector in ("wheels", "motion"):
             span = (state.time_s > time_s - _SPAN_S) & (state.time_s <= time_s)
             slip = 1.0 - state["v_mps"][span].mean() / state["v_rim_mps"][span].mean()
             kind = "slipping" if slip > _SLIPS else kind
         counts[kind][alarm.detector] += 1
+    counts["acted"].update(
+        one.detector for one in guidance.alarms if "GNSS drifts by" in one.reason
+    )
     return {"hours": ended.duration_s / 3600.0, **{kind: {**n} for kind, n in counts.items()}}
 
 
@@ -189,6 +192,7 @@ _KINDS: Final = {
     "reported": "reported only",
     "acted": "acted on",
     "slipping": "acted on, true slip",
+    "checked": "stops for a check",
 }
 
 

@@ -356,38 +356,26 @@ def test_a_position_that_was_uncertain_may_come_back():
         assert not observed(monitors, seen)
 
 
-@pytest.mark.parametrize(
-    ("slips", "noticed"),
-    [
-        ((-0.02, 0.0, 0.04, 0.0), False),  # a slope: wheel slip uphill, side slip downhill
-        ((0.0, -0.05, 0.0, 0.09), False),
-        ((0.0, 0.0, 0.02, 0.0), False),  # a soft side of the field
-        ((0.015, 0.0, -0.015, 0.0), True),  # a drift of 1.5 cm/s at 1 m/s
-        ((0.0, -0.04, 0.0, 0.005), True),
-    ],
-)
-def test_a_drift_is_a_slip_that_no_slope_has(slips, noticed):
-    def make(k):
-        return estimates(k, 0.0, slips, 0.03 * k)
-
-    first, monitors = first_alarm(DetectorIndex.DRIFT, 600, make)
-    assert (first is not None) is noticed
-    monitors.resume(np.array(slips))
-    again = [observed(monitors, make(k)) for k in range(600, 900)]
-    assert not any(alarm.detector == "drift" for alarms in again for alarm in alarms)
-    assert first_alarm(DetectorIndex.DRIFT, 600, lambda k: estimates(k, 0.0, slips))[0] is None
-
-
-@pytest.mark.parametrize(("side", "noticed"), [(-0.045, False), (0.0, True)])
-def test_wheels_slip_less_than_nothing_down_a_slope_or_with_a_drift(side, noticed):
-    monitors, names = Monitors(), set()
-    monitors.record.view(MONITORS)["present"][0, DetectorIndex.MOTION, 3] = 0.9  # planned [m/s]
-    for k in range(300):
-        turned = k >= 200
-        seen = estimates(k, 0.0, (0.0, side, 0.0, -1.8 * side), -1.5 * turned, side - 1e-3)
-        seen.estimate.disturbance[4] = -0.08 * turned
-        names |= {alarm.detector for alarm in observed(monitors, seen)}
-    assert ("drift" in names) is noticed
+@pytest.mark.parametrize("how", ["side", "wheel"])
+@pytest.mark.parametrize(("east_mps", "drifts"), [(0.0, False), (0.02, True), (-0.05, True)])
+def test_gnss_that_moves_while_the_vehicle_stands_drifts(how, east_mps, drifts):
+    """Slips change at 24 s and ask for a check at rest; after one that was passed they are true."""
+    rng, monitors, first, x = np.random.default_rng(17), Monitors(), None, 0.0
+    for k in range(400):
+        time_s, checked = k * PERIOD_S, any(one.detector == "drift" for one in monitors.alarms)
+        first = k if checked and first is None else first
+        seen = estimates(k, x, (0.0, 0.03 * (how == "side" and k >= 120), 0.0, 0.0))
+        seen.estimate.disturbance[4] = 0.2 * (how == "wheel" and k >= 120)
+        seen.estimate.state[6] = 0.0 if checked else 1.0
+        x += PERIOD_S * seen.estimate.state[6]
+        at = rng.normal((x + east_mps * time_s, 0.0), 0.03, (2, 2)).tolist()
+        named = zip((Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER), at, strict=True)
+        samples = [Measurement(time_s, sensor, tuple(xy)) for sensor, xy in named]
+        observed(monitors, replace(seen, samples=samples))
+    told = [one.reason for one in monitors.alarms if one.detector == "drift"]
+    assert first in range(121, 145)
+    speeds = [float(reason.split()[3]) for reason in told]
+    assert speeds == drifts * [pytest.approx(100.0 * abs(east_mps), abs=1.0)]
 
 
 def test_the_protection_level_has_the_risk_of_a_rayleigh_distribution():
