@@ -124,11 +124,11 @@ _POSITION_S: Final = 10.0  # memory of dead reckoning
 _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side slip; assumed
 # Of the drift: change of the side slip fixed in the map, at a roughness of 1 [rad], and of the
 # wheel slip beside that on slopes; mean of the former, short and usual mean of the latter.
-_DRIFT: Final = 0.008, 0.07
+_DRIFT: Final = 0.010, 0.08
 _DRIFT_S: Final = 3.0, 1.5, 30.0
 _SLOPE: Final = 2.0  # by which the former grows with wheel slip beyond that of a drift
 _JUDGED_S: Final = 20.0  # from the start on
-_PASSED: Final = 1.4, 4.0, 300.0  # by which a check raises both, at most; fades in seconds; assumed
+_PASSED: Final = 2.0, 8.0, 900.0  # by which a check raises both, at most; fades in s; assumed
 _STOOD_S: Final = 1.6, 4.0, 20.0  # to come to rest, least and longest check; assumed
 _STOOD_MPS: Final = 0.012  # of GNSS at rest, and deviations of the white noise within it; assumed
 _STOOD_SIGMAS: Final = 5.0
@@ -446,6 +446,8 @@ def _observe_estimate(
     limit, checks = s.limit[DetectorIndex.DRIFT], alarms[DetectorIndex.DRIFT, 0] >= 0.0
     slips, most = s.slips, s.passed
     sx, sy, cx, cy = e.map_disturbance
+    if now < _JUDGED_S and math.isfinite(sx + sy):
+        s.accepted[0], s.accepted[1] = sx, sy  # the slope of the start
     dx, dy, side = sx - s.accepted[0], sy - s.accepted[1], math.hypot(sx, sy)
     excess = max(0.0, -(sx * cx + sy * cy) / max(side, 1e-9) - side)
     ratio = math.hypot(dx, dy) / (_DRIFT[0] * max(1.0, 0.8 + 0.2 * rough) + _SLOPE * excess)

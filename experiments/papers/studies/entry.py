@@ -174,7 +174,7 @@ def _of(kind: str, column: str, where: str = "") -> Cell:
 
 def _at_floor(runs: pd.DataFrame) -> str:
     excess = numbers(runs[runs["start"] == "entry"], "excess")
-    return _share(excess <= _SPARE_M) if np.isfinite(excess).any() else "-"
+    return _share((excess <= _SPARE_M).astype(float)) if np.isfinite(excess).any() else "-"
 
 
 def _quantiles(column: str, factor: float) -> Cell:
