@@ -124,7 +124,7 @@ _POSITION_S: Final = 10.0  # memory of dead reckoning
 _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side slip; assumed
 # Of the drift: change of the side slip fixed in the map, at a roughness of 1 [rad], and of the
 # wheel slip beside that on slopes; mean of the former, short and usual mean of the latter.
-_DRIFT: Final = 0.010, 0.08
+_DRIFT: Final = 0.011, 0.08
 _DRIFT_S: Final = 3.0, 1.5, 30.0
 _SLOPE: Final = 2.0  # by which the former grows with wheel slip beyond that of a drift
 _JUDGED_S: Final = 20.0  # from the start on
