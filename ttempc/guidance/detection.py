@@ -430,6 +430,7 @@ def _observe_estimate(
     bound = _POSITION_M[0] + _POSITION_M[1] * math.sqrt(rough)
     bound *= _UNSTATED if slip == 0.0 and e.disturbance[1] == 0.0 else 1.0
     ratio = (2.0 if held else 1.0) * size / bound  # what is left of a jump is not believed, either
+    ratio = 0.0 if e.covariance[0, 0] + e.covariance[1, 1] == 0.0 else ratio  # of the truth
     statistic[DetectorIndex.POSITION] = ratio if now >= _SETTLED_S else 0.0
     # The position is Rayleigh distributed at most, along the worse axis of its covariance.
     xx, yy, excluded = e.covariance[0, 0], e.covariance[1, 1], held

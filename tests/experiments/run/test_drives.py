@@ -116,6 +116,11 @@ def test_with_the_right_lengths_learning_changes_no_bit():
     assert np.array_equal(record[STATE].values, other[STATE].values)
 
 
+def test_no_detector_stops_a_run_on_the_true_state():
+    summary, _ = driven("grass", "path.laps=1", 'controller.estimator="truth"', seed=201)
+    assert summary.status == "completed"
+
+
 def locked(vehicle, reference, period_s):
     """Return a controller that guides the tractor and keeps the trailer's steering straight.
 
