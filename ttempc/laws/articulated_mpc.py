@@ -201,12 +201,10 @@ def robust_gains(
 # through the heading. Nearer stages would ask for nothing but slack. Assumed.
 _RESPONSE_S: Final = 0.8
 # In reverse: heading of the damped approach from farther away, which limits the trailer's error
-# across the path on which the MPC acts, and the limit along it; tuned on entries
+# across the path on which the MPC acts, the limit along it, and the next; tuned on entries
 _CAPTURE: Final = math.radians(25.0)
 _AHEAD_M: Final = 0.3
-_TRACTOR: Final = (
-    0.55  # of the tractor's error across there, which swings the bodies else; tuned so
-)
+_TRACTOR: Final = 0.55  # weight of the tractor's error across there, which else swings the bodies
 
 
 def articulated_controller(

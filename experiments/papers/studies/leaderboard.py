@@ -62,7 +62,7 @@ OTHERS: Final = (("geometric:Stanley",),)
 
 
 SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc-rti", "lqr", "pid", "geometric:Stanley")
-"""Controllers of six laws, on which the trials' power to separate is measured."""
+"""Entries on which the trials' power to separate is measured; Stanley's law is far from all."""
 
 _SEPARATED: Final = 3.0  # |t| of a paired difference of costs
 

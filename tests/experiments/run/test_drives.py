@@ -93,16 +93,17 @@ def test_unknown_dead_times_of_the_valves_are_learnt_within_twenty_seconds(contr
 
 
 def test_wrong_lengths_are_learnt_told_and_cost_little_from_then_on():
-    summary, record = driven("grass", *WRONG, "controller.name=pid")
+    # Slips of a wrong model may stop the vehicle for a check, in which it lags along the path.
+    alone = "controller.detect=false"
+    summary, record = driven("grass", *WRONG, "controller.name=pid", alone)
     first, *_ = summary.learnt
     assert first.startswith("25 s: vehicle.wheelbase 1.74 -> 1.")
     assert "Learnt at 25 s: vehicle.wheelbase" in format_run(summary)
     errors = tracking_errors(record)
     before, after = errors.counted & (errors.time_s < 25.0), errors.time_s > 70.0
     assert errors.trailer.euclidean_m[before].mean() > 0.04
-    # Across: slips of a wrong model may stop it for a check, in which it lags along the path.
-    assert np.abs(errors.tractor.cross_m[after]).mean() < 0.03
-    assert np.abs(errors.trailer.cross_m[after]).mean() < 0.03
+    assert errors.tractor.euclidean_m[after].mean() < 0.03
+    assert errors.trailer.euclidean_m[after].mean() < 0.03
     # Judged by the lengths of the plant, which no controller moves by what it learns.
     assert assemble(load("grass", WRONG)[1], 1).reference.vehicle == Vehicle()
 
