@@ -426,8 +426,7 @@ def _observe_estimate(
     # The factor follows a fault as it follows a rough field, so that its mean is taken.
     if e.noise_factors[0] >= 0.0 and 0.0 < span_s <= 1.0 and not held:
         s.rough += min(1.0, span_s / _ROUGH_S) * (e.noise_factors[0] - s.rough)
-    rough = s.rough
-    size = math.hypot(s.offset[0], s.offset[1])
+    rough, size = s.rough, math.hypot(s.offset[0], s.offset[1])
     residuals[DetectorIndex.POSITION] = s.present[DetectorIndex.POSITION, 1] = size
     bound = _POSITION_M[0] + _POSITION_M[1] * math.sqrt(rough)
     bound *= _UNSTATED if slip == 0.0 and e.disturbance[1] == 0.0 else 1.0
@@ -797,7 +796,8 @@ def _observe_steering(
     if alarms[DetectorIndex.WHEELS, 0] == _GO_ON:
         unused[SensorIndex.ENCODER] = 1.0
     if alarms[DetectorIndex.HITCH, 0] >= 0.0:
-        unused[SensorIndex.HITCH] = 1.0
+        unused[SensorIndex.HITCH] = unused[SensorIndex.IMU_TRACTOR] = 1.0
+        unused[SensorIndex.IMU_TRAILER] = 1.0
     # Until the vehicle stands. Where the wheels may spin, dead reckoning is worse.
     fooled = alarms[DetectorIndex.POSITION, 0] >= 0.0 and now - s.spun_s > _SPUN_S
     for sensor in range(2 if fooled and abs(s.pose[4]) > _MOVING else 0):
@@ -860,7 +860,7 @@ def observe_monitors(
     over the root of their number is standard normal, beside the curve of a sensor; it does not
     count while GNSS or a steering angle contradicts the estimate. The side slip that turns with the
     tractor, less that of the trailer, is near 0 on any slope, but not with a wrong hitch angle. The
-    sensor is not used again before `resume`.
+    sensor and the IMUs, which may be what lies, are not used again before `resume`.
 
     Position: the length of the sum of what the estimate moves beside dead reckoning by speed, yaw
     and side slip, with a memory of 10 s and, once it is an alarm, of any length, so that a jump is
@@ -1054,7 +1054,7 @@ class Monitors:
         if index < DetectorIndex.STEERING:
             unused = frozenset({_SENSORS[index]})
         elif index == DetectorIndex.HITCH:
-            unused = frozenset({Sensor.HITCH})
+            unused = frozenset({Sensor.HITCH, Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER})
         elif index == DetectorIndex.POSITION:  # until the vehicle stands
             unused = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
         elif index == DetectorIndex.DRIFT and numbers[1] > 0.0:
