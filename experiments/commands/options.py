@@ -82,13 +82,13 @@ def command(*options: Option) -> Callable[[Callable[[argparse.Namespace], int]],
     return lambda run: Command(run, options)
 
 
-def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
+def whole_number(low: int, high: int) -> Callable[[str], int]:
     """Return a reader of whole numbers from `low` to `high` for `argparse`."""
-    allowed = f"from {low}" if high is None else f"from {low} to {high}"
 
     def read(text: str) -> int:
-        if not text.isdecimal() or int(text) < low or (high is not None and int(text) > high):
-            raise argparse.ArgumentTypeError(f"must be a whole number {allowed}, got {text!r}")
+        if not text.isdecimal() or not low <= int(text) <= high:
+            wanted = f"must be a whole number from {low} to {high}"
+            raise argparse.ArgumentTypeError(f"{wanted}, got {text!r}")
         return int(text)
 
     return read
@@ -180,7 +180,7 @@ LIMIT: Final = option(
 )
 WORKERS: Final = option(
     "--workers",
-    type=whole_number(0),
+    type=whole_number(0, 1000),
     metavar="N",
     help="processes on this machine (default: one per core; 0: in this process)",
     group="workers",

@@ -166,7 +166,7 @@ def limit(arguments: argparse.Namespace) -> int:
     options.SEED,
     option(
         "--rays",
-        type=options.whole_number(1),
+        type=options.whole_number(1, 10_000),
         default=50,
         metavar="N",
         help="rays from the nominal values to the bounds, six runs each at most (default: 50)",

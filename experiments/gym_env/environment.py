@@ -26,6 +26,7 @@ from ...testbed.simulation.loop import (
     sense,
 )
 from ...testbed.simulation.setup import SimulationSetup, TickContext
+from ...testbed.terminal import one_line
 from ...testbed.truth import Truth
 from ..errors import BadOptions, InvalidScenario
 from ..run.assembly import assemble, check, model_vehicle
@@ -48,6 +49,10 @@ _SEEDS: Final = 2**32  # as of `ttempc run --seed`
 
 Action = Literal["command", "residual"]
 Entries = NDArray[np.float32]
+
+
+def _one_of(given: object, *allowed: object) -> bool:
+    return any(type(given) is type(one) and given == one for one in allowed)
 
 
 def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int) -> float:
@@ -102,15 +107,21 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         trust: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise BadOptions(f"render_mode: must be rgb_array or None, got {render_mode!r}")
-        if action not in ("command", "residual"):
-            raise BadOptions(f"action: must be one of command, residual, got {action!r}")
-        if not isinstance(residual_share, int | float) or not 0.0 < residual_share <= 1.0:
-            raise BadOptions(f"residual_share: must be above 0 and at most 1, got {residual_share}")
-        listed = isinstance(overrides, Sequence) and all(isinstance(one, str) for one in overrides)
-        if not listed or not isinstance(scenario, str):
-            raise BadOptions("scenario: must be a text, overrides a list of texts")
+        share, listed = residual_share, isinstance(overrides, list | tuple)
+        texts = listed and all(isinstance(one, str) for one in overrides)
+        for right, name, allowed, given in (
+            (isinstance(scenario, str), "scenario", "a text", scenario),
+            (texts, "overrides", "a list of texts", overrides),
+            (_one_of(action, "command", "residual"), "action", "command or residual", action),
+            (isinstance(normalised, bool), "normalised", "True or False", normalised),
+            (isinstance(share, int | float) and 0.0 < share <= 1.0, "residual_share",
+             "above 0 and at most 1", share),
+            (isinstance(trust, bool), "trust", "True or False", trust),
+            (_one_of(render_mode, None, "rgb_array"), "render_mode", "rgb_array or None",
+             render_mode),
+        ):  # fmt: skip
+            if not right:
+                raise BadOptions(one_line(f"{name}: must be {allowed}, got {given!r}"))
         source, changes = read_scenario(scenario), parse_overrides(overrides)
         self._scenario = source.scenario(changes, changed_by="overrides")
         if not trust:
@@ -181,9 +192,12 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         if self._run is None:
             raise ResetNeeded("step: the run has ended, call reset()")
         try:
-            values = np.asarray(action, dtype=float)
+            values = np.asarray(action)
+            values = values.astype(
+                float, casting="unsafe" if values.dtype == object else "same_kind"
+            )
         except (TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"step: the action must be three numbers: {error}") from None
+            raise ValueError(one_line(f"step: the action must be three numbers: {error}")) from None
         if values.shape != (3,):
             raise ValueError(f"step: the action has the shape {values.shape}, must be (3,)")
         if self._normalised:

@@ -77,7 +77,7 @@ def files(folder: Path) -> Iterator[Attack]:
             file.write_bytes(data)
             for key in ("terrain.height_map='{}'", "soil.map={{file='{}',spacing_m=0.5}}"):
                 yield partial(command, "run", scenario, "--set", key.format(file), *out)
-            for words in (("bench", "--compare", CARD), ("fit", "vehicle"), ("log", "replay")):
+            for words in (("bench", "--compare", CARD), ("fit", "tube"), ("log", "replay")):
                 yield partial(command, *words, file)
             yield partial(command, "bench", "pid", "--seeds-file", file, *out)
 

@@ -138,7 +138,7 @@ class Link:
 
     def __init__(self, address: Address, peer: Address | None = None) -> None:
         self.peer = peer
-        self.audience: set[Address] = set()  # who is answered while nobody owns the session
+        self.audience: list[Address] = []  # who is answered while nobody owns the session
         self.counts: Counter[Trouble] = Counter()
         self.sent = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

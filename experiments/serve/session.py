@@ -331,8 +331,9 @@ class Session:
         if self._link.peer is None and self._protocol.ready:  # this datagram was the one
             self._link.peer = address
             self._say(f"peer {text_of(address)}")
-        elif self._link.peer is None and len(self._link.audience) < _MOST_LISTENERS:
-            self._link.audience.add(address)
+        elif self._link.peer is None:  # the latest: those who are silent lock nobody out
+            others = [one for one in self._link.audience if one != address]
+            self._link.audience = [*others, address][-_MOST_LISTENERS:]
         self._send(received.replies)
         self._resume |= received.resume and self._running
         if received.command is not None and self._running:

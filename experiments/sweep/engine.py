@@ -192,7 +192,9 @@ def _cluster(address: str) -> Iterator[Engine]:
     from distributed.comm.addressing import get_address_host_port
     from distributed.scheduler import KilledWorker
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the driver reports what matters
+    for name in [*logging.root.manager.loggerDict]:  # each has a level of its own
+        if name.startswith("distributed"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # the driver reports what matters
     try:
         get_address_host_port(address, strict=True)
         client: Any = Client(address, timeout=_CONNECT_S, set_as_default=False)

@@ -4,6 +4,7 @@ import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import BinaryIO, ClassVar, Final, Self
 
 import numpy as np
@@ -17,13 +18,15 @@ from ..errors import InvalidField, first_line
 MOST_POINTS: Final = 20_000_000
 """Largest number of points of a grid: 160 MB, and eight times that while roughness is drawn."""
 
+LARGEST: Final = 1e6  # of values and their negatives; squares and slopes stay finite
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
     """Values on a square grid, bilinear in between; a subclass defines their meaning.
 
     Raises:
-        InvalidField: the grid is not 2-D, smaller than 2 x 2, or holds a number that is not finite.
+        InvalidField: the grid is not 2-D, smaller than 2 x 2, or holds a value that is NaN or huge.
     """
 
     what: ClassVar[str] = "grid"  # the noun that starts a refusal
@@ -38,7 +41,8 @@ class Grid:
             raise InvalidField(
                 f"{self.what}: got a {values.shape} grid, must be 2-D, 2 x 2 or larger"
             )
-        self._refuse_where(~np.isfinite(values), values, "every value must be finite")
+        wrong = ~(np.abs(values) <= LARGEST)
+        self._refuse_where(wrong, values, f"every value must be finite, at most {LARGEST:g}")
         if not (math.isfinite(self.spacing_m) and self.spacing_m > 0.0):
             raise InvalidField(f"{self.what}: got spacing {self.spacing_m} m, must be above 0")
         if not all(math.isfinite(value) for value in self.origin):
@@ -64,14 +68,13 @@ class Grid:
                 check_array_header(io.BytesIO(data), len(data))
                 values = np.load(io.BytesIO(data), allow_pickle=False)
             else:
-                text = read_bounded(path, MOST_TEXT_BYTES).decode()
-                lines = text.replace(",", " ").splitlines()
-                some = any(map(str.strip, lines))
+                lines = read_bounded(path, MOST_TEXT_BYTES).decode().replace(",", " ").splitlines()
+                some = any(line.partition("#")[0].strip() for line in lines)
                 values = np.loadtxt(lines, ndmin=2) if some else np.empty((0, 0))
-            values = np.asarray(values, dtype=np.float64)
+            values = values.astype(np.float64, casting="same_kind")  # no complex numbers
         except OSError as error:
             raise InvalidField(f"{where}: {error.strerror}") from error
-        except (ValueError, TypeError, EOFError) as error:
+        except (ValueError, TypeError, EOFError, TokenError) as error:
             raise InvalidField(f"{where}: {first_line(error)}") from error
         try:
             middle = cls(values, spacing_m, (0.0, 0.0)).centre

@@ -74,8 +74,8 @@ _ABOUT: Final = {
     "corridor": "crop rows of +-6 cm on a soft slope",
     "faults": "one of ten faults a run",
     "headland": "loops at the stops, wet slope",
-    "line-entry": "entry from 1.5 m beside a line",
-    "reverse": "in reverse, entry from 1 m",
+    "line-entry": "entry from 2 m beside a pass, side slope",
+    "reverse": "a lap in reverse, gentle side slope",
     "rough-grass": "rough grass",
     "ruts": "two laps in one's own ruts",
     "slow-valve": "steering of 8 deg/s",
@@ -138,22 +138,18 @@ def make_power(runner: Runner) -> Block:
         said = (item["verdict"] for item in found)
         verdicts.append((f"`{entry(first[other])}` / `{entry(first[one])}`", *ratios, *said))
     heads = [f"seeds {format_numbers(seeds)}" for seeds in sets]
+    differing = [{*pair[3:]} for pair in verdicts if pair[3] != pair[4]]
+    against = sum("undecided" not in said for said in differing)
+    same = f"{len(pairs) - len(differing)} of {len(pairs)} are the same, {against} contradict"
+    columns = (
+        "trial",
+        f"pairs with t above {_SEPARATED:g}",
+        "weight",
+        "largest variance share [%]",
+    )
+    text = f"Ratio of the overall costs, and what it says of the first; of the verdicts {same}:"
     return Block(
-        "\n\n".join(
-            (
-                markdown(
-                    (
-                        "trial",
-                        f"pairs with t above {_SEPARATED:g}",
-                        "weight",
-                        "largest share of variance [%]",
-                    ),
-                    lines,
-                ),
-                "Ratio of the overall costs, and what it says of the first:",
-                markdown(("pair", *heads, *heads), verdicts),
-            )
-        )
+        "\n\n".join((markdown(columns, lines), text, markdown(("pair", *heads, *heads), verdicts)))
     )
 
 

@@ -181,11 +181,12 @@ def test_an_action_that_is_no_number_is_the_last_command():
 
 def test_options_are_refused_in_a_line_and_code_of_a_file_needs_trust(tmp_path):
     for options, message in (
-        ({"action": "torque"}, "action: must be one of command, residual"),
+        ({"action": "torque"}, "action: must be command or residual"),
         ({"residual_share": 0.0}, "residual_share: "),
         ({"render_mode": "human"}, "render_mode: "),
         ({"residual_share": "1"}, "residual_share: "),
-        ({"overrides": 1}, "overrides "),
+        ({"trust": np.ones((3, 1))}, "trust: "),
+        ({"overrides": 1}, "overrides: "),
     ):
         with pytest.raises(BadOptions, match=message):
             FieldTrial("grass", **options)

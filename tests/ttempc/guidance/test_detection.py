@@ -404,6 +404,6 @@ def test_a_hitch_sensor_that_contradicts_is_not_used_again(how):
     first, monitors = first_alarm(DetectorIndex.HITCH, 400, make)
     assert 100 <= first <= 105
     (alarm,) = (alarm for alarm in monitors.alarms if alarm.detector == "hitch")
-    assert alarm.unused == {Sensor.HITCH}
+    assert alarm.unused == {Sensor.HITCH, Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER}
     monitors.resume(np.zeros(4))
     assert not monitors.alarms
