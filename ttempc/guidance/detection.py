@@ -122,11 +122,13 @@ _HITCH_SLIP: Final = 0.032  # [rad] side slip of tractor less that of the traile
 _POSITION_M: Final = 0.25, 0.12
 _POSITION_S: Final = 10.0  # memory of dead reckoning
 _UNSTATED: Final = 3.0  # times the limit of an estimator that states no side slip; assumed
-# Of the drift: change of the side slip fixed in the map, at a roughness of 1 [rad], and of the
-# wheel slip beside that on slopes; mean of the former, short and usual mean of the latter.
-_DRIFT: Final = 0.011, 0.08
+# Of the drift: apparent drift over the speed, and change of the wheel slip beside that on slopes;
+# mean of the former, short and usual mean of the latter.
+_DRIFT: Final = 0.010, 0.08
 _DRIFT_S: Final = 3.0, 1.5, 30.0
-_SLOPE: Final = 2.0  # by which the former grows with wheel slip beyond that of a drift
+_PATTERN: Final = 0.65, 0.35  # shares of side slip, and of wheel slip, which a rut leaves alone
+_ROUGHER: Final = 0.05  # by which its limit grows with the learnt factor of roughness
+_SLOPE: Final = 2.0  # and with wheel slip beyond that of a drift
 _JUDGED_S: Final = 20.0  # from the start on
 _PASSED: Final = 2.0, 8.0, 900.0  # by which a check raises both, at most; fades in s; assumed
 _STOOD_S: Final = 1.6, 4.0, 20.0  # to come to rest, least and longest check; assumed
@@ -230,8 +232,8 @@ MONITORS: Final = np.dtype(
         ("whitened", "f8", (1, 1 + 102, 3)),  # sum of the hitch's innovations, their number
         ("pose", "f8", 6),  # of the last estimate: time, x, y, yaw, speed, sd of the position
         ("offset", "f8", 2),  # of the position from dead reckoning [m]
-        ("accepted", "f8", 2),  # side slip fixed in the map that is true
-        ("drift", "f8"),  # mean of its change
+        ("accepted", "f8", 2),  # apparent drift over the speed that a slope explains
+        ("drift", "f8", (2, 2)),  # mean over its limit; of its change from the accepted one
         ("rough", "f8"),  # mean of the learnt factor of roughness
         ("slips", "f8", 2),  # wheel slip beside that on slopes: means, short and usual
         ("passed", "f8"),  # factor of the limits of a drift after checks
@@ -448,21 +450,25 @@ def _observe_estimate(
     limit, checks = s.limit[DetectorIndex.DRIFT], alarms[DetectorIndex.DRIFT, 0] >= 0.0
     slips, most = s.slips, s.passed
     sx, sy, cx, cy = e.map_disturbance
-    if now < _JUDGED_S and math.isfinite(sx + sy):
-        s.accepted[0], s.accepted[1] = sx, sy  # the slope of the start
-    dx, dy, side = sx - s.accepted[0], sy - s.accepted[1], math.hypot(sx, sy)
+    dx, dy = _PATTERN[0] * sx - _PATTERN[1] * cx, _PATTERN[0] * sy - _PATTERN[1] * cy
+    if now < _JUDGED_S and math.isfinite(dx + dy):
+        s.accepted[0], s.accepted[1] = dx, dy  # the slope of the start
+    side = math.hypot(sx, sy)
     excess = max(0.0, -(sx * cx + sy * cy) / max(side, 1e-9) - side)
-    ratio = math.hypot(dx, dy) / (_DRIFT[0] * max(1.0, 0.8 + 0.2 * rough) + _SLOPE * excess)
+    size = _DRIFT[0] * max(1.0, 1.0 + _ROUGHER * (rough - 1.0)) + _SLOPE * excess
     wheel = e.disturbance[4] - gear * (cx * math.cos(x[2]) + cy * math.sin(x[2]))
     statistic[DetectorIndex.DRIFT] = limit if checks else 0.0  # until it has passed
-    if 0.0 < span_s <= 1.0 and math.isfinite(ratio + wheel) and not checks:
+    if 0.0 < span_s <= 1.0 and math.isfinite(size + wheel) and not checks:
         s.passed = most = 1.0 + (most - 1.0) * math.exp(-span_s / _PASSED[2])
         if abs(x[6]) > _MOVING and now >= _JUDGED_S:
-            s.drift += min(1.0, span_s / _DRIFT_S[0]) * (ratio - s.drift)
-            for n in range(2):
+            for n in range(2):  # on a flat field; from the accepted one
+                share = min(1.0, span_s / _DRIFT_S[0])
+                s.drift[n, 0] += share * ((dx - n * s.accepted[0]) / size - s.drift[n, 0])
+                s.drift[n, 1] += share * ((dy - n * s.accepted[1]) / size - s.drift[n, 1])
                 old = slips[n] if slips[n] == slips[n] else wheel
                 slips[n] = old + min(1.0, span_s / _DRIFT_S[1 + n]) * (wheel - old)
-        ratio = s.drift
+        (east, north), (other_east, other_north) = s.drift
+        ratio = min(math.hypot(east, north), math.hypot(other_east, other_north))
         if slips[0] == slips[0]:
             ratio = max(ratio, abs(slips[0] - slips[1]) / _DRIFT[1])
         statistic[DetectorIndex.DRIFT] = ratio / most
@@ -483,8 +489,9 @@ def _observe_estimate(
             alarms[DetectorIndex.DRIFT, 1] = 100.0 * found
             alarms[DetectorIndex.DRIFT, 2] = 1.0 if s.drifts >= _FAILED else 0.0
             if s.drifts == 0.0:
-                statistic[DetectorIndex.DRIFT] = s.drift = 0.0
-                s.accepted[0], s.accepted[1] = sx, sy
+                statistic[DetectorIndex.DRIFT] = 0.0
+                s.drift[:] = 0.0
+                s.accepted[0], s.accepted[1] = dx, dy
                 slips[0] = slips[1] = math.nan
                 s.passed = min(_PASSED[0] * most, _PASSED[1])
     residuals[DetectorIndex.DRIFT] = statistic[DetectorIndex.DRIFT]
@@ -875,11 +882,12 @@ def observe_monitors(
     docs/appendix/reliability.md. The statistic is 0 as long as all sensors are used.
 
     Drift: at a common drift w of both receivers and a speed v the filter finds a side slip of w / v
-    and a wheel slip of -w / v, fixed in the map; a slope has such slips, too. Where the former
-    leaves the accepted one, by more on a slope that wheel slip shows, or the latter its usual one,
-    the vehicle stops, and GNSS is watched at rest for as long as its noise takes. If it moves twice
-    in succession it drifts, and the vehicle stands until `resume`. Else the side slip is accepted
-    and the vehicle drives on; the limits grow for some minutes. Not with a tool in the soil.
+    and a wheel slip of -w / v, fixed in the map; a slope has such slips, too, and ruts the former.
+    Where a weighted difference of both leaves 0 and the accepted one, by more on a slope that wheel
+    slip shows, or wheel slip its usual one, the vehicle stops, and GNSS is watched at rest for as
+    long as its noise takes. If it moves twice in succession it drifts, and the vehicle stands until
+    `resume`. Else the slips are accepted and the vehicle drives on; the limits grow for some
+    minutes. Not with a tool in the soil.
 
     Args:
         parameters: of the vehicle, see `VehicleParameter`.
@@ -1013,7 +1021,7 @@ class Monitors:
         s = self.record.view(MONITORS)[0]
         s["pose"] = s["slips"] = math.nan
         s["offset"] = s["whitened"] = s["drift"] = s["drifts"] = 0.0
-        s["accepted"] = map_disturbance[:2]
+        s["accepted"] = _PATTERN[0] * map_disturbance[:2] - _PATTERN[1] * map_disturbance[2:]
         s["alarms"][DetectorIndex.HITCH :] = -1.0, 0.0, 0.0, 0.0
 
     def forget_pose(self) -> None:
