@@ -437,7 +437,7 @@ def _weigh(
     if usable:
         since_s = now.rejected_since[sensor]
         forced = time_s - since_s >= f.patience[sensor] - SAME_TIME_S
-        if sensor <= SensorIndex.GNSS_TRAILER:  # the other receiver tells which of them lies
+        if sensor == SensorIndex.GNSS_TRAILER:  # the receiver of the tractor tells where it is
             forced = forced and not math.isnan(now.rejected_since[1 - sensor])
         result = correct(
             parameters, moment, sensor, first, second, variance, forced, body < 0, rows
