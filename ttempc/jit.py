@@ -166,7 +166,7 @@ class Compilation(event.TimingListener):
 
     def announce(self) -> None:
         """Log how many kernels were compiled and in what time, if there are new ones."""
-        if self.kernels > self._announced:
+        if self.done and self.kernels > self._announced:  # a thread may compile the first one
             self._announced = self.kernels
             _LOG.warning("compiled %d kernels in %.1f s", self.kernels, self.duration)
 

@@ -126,7 +126,7 @@ def demo(arguments: argparse.Namespace) -> int:
     log, file = finished.files["log"], folder / "film.webp"
 
     def write(camera: Camera) -> None:
-        film = Film.of([log], FilmSettings(camera=camera, speed=_DEMO_SPEED, size=_DEMO_SIZE))
+        film = Film.of(log, FilmSettings(camera=camera, speed=_DEMO_SPEED, size=_DEMO_SIZE))
         with progress(film.frames, file.name, "frame", shown=True) as count:
             film.write(file, count)
 
@@ -201,7 +201,6 @@ _PORTS: Final = {"json": 8890, "agopengps": 8888}
     out("DIR", "default: a new one in runs/"),
     *options.CHANGES,
     options.SEED,
-    json_of("the summary"),
     option(
         "--protocol", choices=tuple(_PORTS), default="json", help="of the datagrams (default: json)"
     ),
@@ -278,12 +277,8 @@ def serve(arguments: argparse.Namespace) -> int:
         protocol = PROTOCOLS[arguments.protocol]()
         asked = name, scenario, arguments.seed, folder, link, protocol, settings
         finished, totals = serve(*asked, _say)
-    if arguments.json:
-        print(finished.summary.to_json())
-        _say(totals)
-    else:
-        print(totals)
-        _print(finished)
+    print(totals)
+    _print(finished)
     return 0 if finished.summary.status == "completed" else options.EXIT_LOST
 
 
@@ -295,7 +290,6 @@ def _say(line: str) -> None:
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
     *options.CHANGES,
-    json_of("the checks"),
 )
 def validate(arguments: argparse.Namespace) -> int:
     """Validate the plant of a scenario in experiments whose results are known without the
@@ -312,12 +306,9 @@ def validate(arguments: argparse.Namespace) -> int:
         name,
         scenario,
         folder,
-        on_check=lambda check: None if arguments.json else print(format_check(check), flush=True),
+        on_check=lambda check: print(format_check(check), flush=True),
     )
-    if arguments.json:
-        print(validation.to_json(), end="")
-    else:
-        print(f"\n{validation.summary_line()}\n\nopen {folder / 'validation.html'}")
+    print(f"\n{validation.summary_line()}\n\nopen {folder / 'validation.html'}")
     return 0 if validation.passed else options.EXIT_CHECK_FAILED
 
 

@@ -132,7 +132,6 @@ nothing is written).
         metavar="SHARE",
         help="calibrate the tube of the runs for the next run as a whole",
     ),
-    json_of("the tube file"),
 )
 def tube(arguments: argparse.Namespace) -> int:
     """Fit a tube to the logs of runs of one scenario, which differ in their seeds.
@@ -161,9 +160,8 @@ def tube(arguments: argparse.Namespace) -> int:
         coverage = COVERAGE if arguments.coverage is None else arguments.coverage
         fit = fit_tube(read_runs(arguments.folders, fit_run), coverage)
         file, warnings, text = fit.file, fit.warnings, format_fit(fit)
-    written = to_json(file)
-    write_file(arguments.out, written)
-    print(written if arguments.json else f"{text}\n\ntube      {arguments.out}\n", end="")
+    write_file(arguments.out, to_json(file))
+    print(f"{text}\n\ntube      {arguments.out}")
     for warning in warnings:
         print(f"ttempc: warning: {warning}", file=sys.stderr)
     return options.EXIT_CHECK_FAILED if warnings else 0

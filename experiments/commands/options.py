@@ -194,24 +194,17 @@ DASK: Final = option(
 )
 ENGINE: Final = WORKERS, DASK
 QUIET: Final = option("-q", "--quiet", action="store_true", help="print errors only")
-AGAINST: Final = option(
-    "--against",
-    metavar="NAME",
-    help="of a sweep: controller that the others are compared with (default: the best)",
-)
-
 FIGURES: Final = (
     option(
         "--format",
         dest="formats",
         metavar="FORMAT[,FORMAT]",
-        help="of the figures: pdf, svg, png; each comes with its data as CSV",
+        help="of the figures: pdf, svg, png",
     ),
     option("--width", metavar="WIDTH", help="single (8.8 cm), double (18.1 cm), or in cm"),
-    option("--style", metavar="STYLE", help="matplotlib style, name or file"),
     option("--only", nargs="+", metavar="NAME", help="these figures (default: all)"),
 )
-"""Formats, width, style and choice of figures."""
+"""Formats, width and choice of figures."""
 
 PICTURE: Final = (
     option(
@@ -224,13 +217,7 @@ PICTURE: Final = (
         "--size",
         type=_size,
         metavar="WxH",
-        help="pixels, both even (default: draft 1280x720, high 1920x1080)",
-    ),
-    option(
-        "--quality",
-        choices=("draft", "high"),
-        default="draft",
-        help="draft (default), or high: finer shadows and edges, less compression",
+        help="pixels, both even (default: 1280x720)",
     ),
     option(
         "--ghost",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from ...testbed.log import log_path
 from ..errors import BadOptions
@@ -15,10 +15,6 @@ from .options import command, option, out, refuse_given
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from ..film.render import Film
-
-_REFERENCE: Final = "reference"  # of --ghost
 
 
 @command(
@@ -39,8 +35,8 @@ def render(arguments: argparse.Namespace) -> int:
       ttempc render RUN --ghost reference --ghost other/log.mcap
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..film.render import STILL_SUFFIXES
-    from ..film.settings import FRAME_RATE
+    from ..film.render import STILL_SUFFIXES, Film
+    from ..film.settings import FRAME_RATE, FilmSettings
 
     at_s, log = arguments.at_s, arguments.log
     ending = f"{arguments.camera}.mp4" if at_s is None else f"{arguments.camera}-{at_s:g}.png"
@@ -49,35 +45,22 @@ def render(arguments: argparse.Namespace) -> int:
     if still != (at_s is not None):
         need = "a picture needs --at" if still else f"--at: makes {' or '.join(STILL_SUFFIXES)}"
         raise BadOptions(f"-o {file}: {need}")
-    film = _film(arguments, [log], at_s)
-    _write_film(film, file)
-    if still:
-        print(f"picture   {file}")
-    else:
-        print(f"film      {file} ({film.frames} frames, {film.frames / FRAME_RATE:.1f} s)")
-    return 0
-
-
-def _film(arguments: argparse.Namespace, logs: list[Path], at_s: float | None = None) -> Film:
-    """Return the film that the options ask for, from the latest start to the latest end."""
-    from ..film.render import Film
-    from ..film.settings import FilmSettings
-
     settings = FilmSettings(
         camera=arguments.camera,
         at_s=at_s,
         begin_s=arguments.begin_s,
         end_s=arguments.end_s,
         speed=arguments.speed,
-        quality=arguments.quality,
         size=arguments.size,
     )
-    return Film.of(logs, settings, arguments.ghost)
-
-
-def _write_film(film: Film, file: Path) -> None:
+    film = Film.of(log, settings, arguments.ghost)
     with progress(film.frames, file.name, "frame", shown=film.frames > 1) as count:
         film.write(file, count)
+    if still:
+        print(f"picture   {file}")
+    else:
+        print(f"film      {file} ({film.frames} frames, {film.frames / FRAME_RATE:.1f} s)")
+    return 0
 
 
 @command(
@@ -86,7 +69,6 @@ def _write_film(film: Film, file: Path) -> None:
     ),
     out("FILE|DIR", "page of a log, or folder of figures; default: beside the log or in DIR"),
     *options.FIGURES,
-    options.AGAINST,
     options.LIMIT,
 )
 def report(arguments: argparse.Namespace) -> int:
@@ -94,22 +76,22 @@ def report(arguments: argparse.Namespace) -> int:
 
     The page of a sweep, which may still be running, is DIR/report/report.html.
 
-      ttempc report runs/sweep-terrain-slip --limit 0.6 --against paper
+      ttempc report runs/sweep-terrain-slip --limit 0.6
       ttempc report runs/grass-ttempc-1 --format pdf,svg --width single --only error path
     """
     source: Path = arguments.source
     if arguments.formats is None:
-        given = ("width", "style", "only")
+        given = ("width", "only")
         refuse_given(arguments, given, "goes with --format, which makes figures")
     else:
         refuse_given(arguments, ("limit",), "goes with the page, not with --format")
     if source.is_file():
-        refuse_given(arguments, ("against", "limit"), "goes with a sweep, not a log")
+        refuse_given(arguments, ("limit",), "goes with a sweep, not a log")
     if arguments.formats is not None:
         beside = source.with_name(f"{source.stem}-figures")
         folder = arguments.out or (source / "figures" if source.is_dir() else beside)
         refuse_existing(folder)
-        _write_figures(arguments, _figures_of(source, arguments.against), folder)
+        _write_figures(arguments, _figures_of(source), folder)
         return 0
     return _page_of_log(arguments) if source.is_file() else _page_of_sweep(arguments)
 
@@ -121,8 +103,7 @@ def _page_of_sweep(arguments: argparse.Namespace) -> int:
 
     refuse_given(arguments, ("out",), "the report of a sweep lies in its folder")
     runs = read_sweep(arguments.source, arguments.limit)
-    content = make_report(runs, arguments.against)
-    file = write_report(content, arguments.source)
+    file = write_report(make_report(runs), arguments.source)
     if runs.missing:
         print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
     print(f"open {file}")
@@ -140,7 +121,7 @@ def _page_of_log(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _figures_of(source: Path, against: str | None) -> Mapping[str, Callable[[], Figure]]:
+def _figures_of(source: Path) -> Mapping[str, Callable[[], Figure]]:
     """Return the functions that draw the figures of a log or of a sweep."""
     if not source.is_dir():
         from ...testbed.log.reader import read_log
@@ -150,18 +131,18 @@ def _figures_of(source: Path, against: str | None) -> Mapping[str, Callable[[], 
     from ..sweep_report.report import make_report, panel_figures
     from ..sweep_report.runs import read_sweep
 
-    return panel_figures(make_report(read_sweep(source), against))
+    return panel_figures(make_report(read_sweep(source)))
 
 
 def _write_figures(
     arguments: argparse.Namespace, figures: Mapping[str, Callable[[], Figure]], folder: Path
 ) -> None:
-    """Write figures and their data into a new folder, as the options ask, and print the paths.
+    """Write figures into a new folder, as the options ask, and print the paths.
 
     Raises:
         BadOptions: an option has no such value; nothing is written.
     """
-    from ..figures.export import FORMATS, WIDTHS_CM, export_figures, style_of
+    from ..figures.export import FORMATS, WIDTHS_CM, export_figures
 
     formats = tuple((arguments.formats or "png").split(","))
     if unknown := [name for name in formats if name not in FORMATS]:
@@ -174,13 +155,9 @@ def _write_figures(
         width = WIDTHS_CM.get(text, number)
         if not 4.0 <= width <= 100.0:
             raise BadOptions(f"--width: got {text}, must be single, double, or from 4 to 100 cm")
-    try:
-        style = arguments.style and style_of(arguments.style)
-    except ValueError as error:
-        raise BadOptions(f"--style: {error}") from None
     chosen = {name: figures[name] for name in arguments.only or figures}
     make_folder(folder)
-    for name, content in export_figures(chosen, formats, width, style):
+    for name, content in export_figures(chosen, formats, width):
         write_file(folder / name, content)
         print(folder / name)
 
@@ -190,16 +167,14 @@ def _write_figures(
     out("DIR", "default: a new one in runs/"),
     option("--label", action="append", metavar="NAME", help="name of a run, once for each"),
     *options.FIGURES,
-    option("--film", metavar="NAME", help="also film the runs side by side: NAME.mp4 or .webp"),
-    *options.PICTURE,
 )
 def compare(arguments: argparse.Namespace) -> int:
     """Compare runs on one reference, aligned by its time; print a table and write into DIR:
 
-    path, error, cross-track, signals   figures, each with its data as CSV
-    comparison.csv                      the statistics, SI units
+    path, cross-track, signals   figures
+    comparison.csv               the statistics, SI units
 
-    ttempc compare runs/grass-pid-1 runs/grass-ttempc-1 --film side-by-side.webp
+    ttempc compare runs/grass-pid-1 runs/grass-ttempc-1
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..figures.comparison_figures import comparison_figures
@@ -212,18 +187,9 @@ def compare(arguments: argparse.Namespace) -> int:
 
     folder = arguments.out or options.unused_path(Path("runs"), "comparison")
     refuse_existing(folder)
-    if set(arguments.ghost) - {_REFERENCE}:
-        raise BadOptions("--ghost: takes reference alone here; the film has a panel for every run")
-    name = arguments.film and Path(arguments.film)
-    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp")):
-        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4 or .webp")
     runs = read_compared(arguments.logs, arguments.label or ())
-    film = _film(arguments, arguments.logs) if name else None
     print(format_comparison(runs) + "\n")
     _write_figures(arguments, comparison_figures(runs), folder)
     write_file(folder / STATISTICS_FILE, comparison_csv(runs))
     print(folder / STATISTICS_FILE)
-    if film is not None:
-        _write_film(film, folder / name)
-        print(folder / name)
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from ..errors import BadOptions
 from ..output import progress, refuse_existing, write_file
 from ..seeds import report_seeds
 from . import options
-from .options import Group, command, json_of, option, out, refuse_given
+from .options import Group, command, option, out, refuse_given
 
 if TYPE_CHECKING:
     from ..search.limit import Limit
@@ -122,7 +121,6 @@ _REQUIRED_SCENARIO = options.SCENARIO.but(nargs=None, default=None, help="name o
     ),
     options.LIMIT,
     *options.ENGINE,
-    json_of("the values"),
 )
 def limit(arguments: argparse.Namespace) -> int:
     """Find the value of a quantity at which a controller begins to fail.
@@ -151,12 +149,11 @@ def limit(arguments: argparse.Namespace) -> int:
         questions.append(read_question(draft, *asked))
 
     def show(found: Limit) -> None:
-        if not arguments.json:
-            print(found, flush=True)
+        print(found, flush=True)
 
     with engine(arguments.workers, arguments.dask) as workers:
-        text = limit_file(questions, workers, file, show)
-    print(text if arguments.json else f"values    {file}\n", end="")
+        limit_file(questions, workers, file, show)
+    print(f"values    {file}")
     return 0
 
 
@@ -176,7 +173,6 @@ def limit(arguments: argparse.Namespace) -> int:
     ),
     options.LIMIT,
     *options.ENGINE,
-    json_of("the report"),
 )
 def rays(arguments: argparse.Namespace) -> int:
     """Find the severity at which a controller fails, along rays through several quantities.
@@ -210,7 +206,7 @@ def rays(arguments: argparse.Namespace) -> int:
         ):
             asked = arguments.seed, arguments.rays, arguments.limit
             report = search_rays(subject, workers, *asked, folder, count)
-        print(report.to_json() if arguments.json else _text(report, folder), end="")
+        print(_text(report, folder), end="")
 
     return _resumable(drive, folder)
 
@@ -273,7 +269,6 @@ def _text(report: Report, folder: Path) -> str:
     option("--seeds-file", type=Path, metavar="FILE", help="hidden seeds"),
     *options.ENGINE,
     out("DIR|FILE", "to make or to continue; default: runs/bench-CONTROLLER"),
-    json_of("the score card or the comparison"),
     option(
         "--compare",
         nargs=2,
@@ -303,8 +298,7 @@ def bench(arguments: argparse.Namespace) -> int:
     from ..trials.score_card import compare_cards, draw_hidden, format_comparison, read_score_card
 
     if arguments.compare:
-        found = compare_cards(*map(read_score_card, arguments.compare))
-        print(json.dumps(found, indent=1) if arguments.json else format_comparison(found))
+        print(format_comparison(compare_cards(*map(read_score_card, arguments.compare))))
     elif arguments.draw_seeds:
         if arguments.out is None:
             raise BadOptions("bench: --draw-seeds needs -o FILE")
@@ -335,12 +329,10 @@ def _bench(arguments: argparse.Namespace) -> int:
             progress(runs, f"bench {entrant.stem}", "run", shown=True) as count,
         ):
             card = bench(entrant, draws, folder, workers, _counted(count))
-        text = card.to_json()
-        write_file(folder / "score.json", text)
+        write_file(folder / "score.json", card.to_json())
         if "+" in card.identifier:
             note = "the plant of this code is not that of the benchmark"
             print(f"ttempc: note: {note}", file=sys.stderr)
-        shown = text if arguments.json else f"{format_card(card)}\ncard {folder / 'score.json'}\n"
-        print(shown, end="")
+        print(f"{format_card(card)}\ncard {folder / 'score.json'}")
 
     return _resumable(drive, folder)

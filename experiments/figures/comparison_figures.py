@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ttempc.types import FloatArray
+
 from ...testbed.recording.channels import CONTROL, REFERENCE, STATE
 from ..results.run_comparison import ComparedRun
 from ..results.tracking_errors import BODIES, position_fields
@@ -15,7 +17,6 @@ from .run_figures import (
     BOUNDS,
     INPUTS,
     LENGTH,
-    TIME_OF_ERRORS,
     draw_bounds,
     path_length,
     shade_errors,
@@ -60,34 +61,24 @@ def paths_figure(runs: Sequence[ComparedRun]) -> Figure:
     return figure
 
 
-def errors_figure(runs: Sequence[ComparedRun], across: bool) -> Figure:
-    """Return the errors of all points over the common time.
-
-    Args:
-        runs: to compare.
-        across: whether to draw those to the left of the reference over the length of the path.
-    """
+def errors_figure(runs: Sequence[ComparedRun]) -> Figure:
+    """Return the errors of all points to the left of the reference over the length of the path."""
     points = max((run.errors.by_point for run in runs), key=len)
     figure, rows = _stacked(len(points), 2.3, runs, share_y=True)
 
-    def place(run: ComparedRun) -> Any:  # noqa: ANN401 - an array
-        return path_length(run.record)[: len(run.errors.time_s)] if across else run.errors.time_s
+    def place(run: ComparedRun) -> FloatArray:
+        return path_length(run.record)[: len(run.errors.time_s)]
 
     for axes, point in zip(rows, points, strict=True):
         shade_errors(axes, place(runs[0]), runs[0].errors)
         for run, style in _lines(runs):
             if (error := run.errors.by_point.get(point)) is not None:
-                shown_m = error.cross_m if across else error.euclidean_m
-                axes.plot(place(run), 100 * shown_m, **style)
-        quantity = "cross-track,\nleft positive" if across else "error"
-        dress(axes, "", f"{point} {quantity} [cm]")
+                axes.plot(place(run), 100 * error.cross_m, **style)
+        dress(axes, "", f"{point} cross-track,\nleft positive [cm]")
         axes.margins(x=0.0)
-        if across:
-            axes.axhline(0.0, color=BLACK, linewidth=0.6)
-        else:
-            axes.set_ylim(bottom=0.0)
+        axes.axhline(0.0, color=BLACK, linewidth=0.6)
     legend(rows[0], len(runs))
-    label_below(rows[-1], LENGTH if across else TIME_OF_ERRORS)
+    label_below(rows[-1], LENGTH)
     return figure
 
 
@@ -110,8 +101,7 @@ def inputs_figure(runs: Sequence[ComparedRun]) -> Figure:
 
 COMPARISONS: Final[dict[str, Callable[[Sequence[ComparedRun]], Figure]]] = {
     "path": paths_figure,
-    "error": partial(errors_figure, across=False),
-    "cross-track": partial(errors_figure, across=True),
+    "cross-track": errors_figure,
     "signals": inputs_figure,
 }
 

@@ -51,7 +51,7 @@ from .style import (
     stacked,
 )
 
-TIME_OF_ERRORS: Final = "time [s] (hatched: not counted; shaded: curves)"
+_TIME_OF_ERRORS: Final = "time [s] (hatched: not counted; shaded: curves)"
 LENGTH: Final = "length of the path [m] (hatched: not counted; shaded: curves)"
 
 _FLATTEST, _TALLEST = 0.3, 0.8  # height of the whole path over its width, for lines and squares
@@ -138,14 +138,14 @@ def error_figure(record: Record) -> Figure:
     for axes, (body, error) in zip(rows, errors.by_point.items(), strict=True):
         shade_errors(axes, errors.time_s, errors)
         mark_faults(axes, fault_spans(record.events), float(errors.time_s[-1]))
-        style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
-        axes.plot(errors.time_s, 100 * error.euclidean_m, **style)
+        colour = BODY_COLOURS[body]
+        axes.plot(errors.time_s, 100 * error.euclidean_m, color=colour, linewidth=1.0)
         dress(axes, "", f"{body} error [cm]")
         _draw_means(axes, errors, error)
         axes.margins(x=0.0)
     rows[0].set_ylim(bottom=0.0)
     rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
-    label_below(rows[-1], TIME_OF_ERRORS)
+    label_below(rows[-1], _TIME_OF_ERRORS)
     return figure
 
 
@@ -156,8 +156,8 @@ def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
         rows = shape & errors.counted & np.isfinite(error.along_m)
         if rows.any():
             mean_cm = 100 * float(np.mean(error.euclidean_m[rows]))
-            style = {"color": BLACK, "linewidth": 1.0, "label": f"mean on {name}"}
-            axes.plot(errors.time_s, np.where(rows, mean_cm, np.nan), **style)
+            mean = np.where(rows, mean_cm, np.nan)
+            axes.plot(errors.time_s, mean, color=BLACK, linewidth=1.0)
             parts.append(f"{name} {mean_cm:.1f} cm")
     text = f"mean on {', on '.join(parts)}" if parts else "shorter than the start-up"
     note(axes, 0.05, 0.93, text, va="top", color="black" if parts else GREY)
@@ -274,10 +274,9 @@ def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> None:
     low, high = axes.get_ylim()
     near = _NEAR * (high - low)
     view = [low, high]
-    for which, end in (("lower", "min"), ("upper", "max")):
+    for end in ("min", "max"):
         values = factor * control[f"{name}_{end}"]
-        # The underscore keeps the line out of the legend, and its name in the data of the figure.
-        axes.plot(control.time_s, values, **_BOUND_LINE, label=f"_{which} bound")
+        axes.plot(control.time_s, values, **_BOUND_LINE)
         view += [*values[(values >= low - near) & (values <= high + near)]]
     axes.set_ylim(min(view), max(view))
 

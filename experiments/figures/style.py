@@ -46,8 +46,8 @@ _WIDTH_IN: Final[ContextVar[float | None]] = ContextVar("width of figures [in]",
 
 
 @contextmanager
-def figure_width(width_in: float) -> Iterator[None]:
-    """Draw the figures inside the block with another width than that of the page."""
+def figure_width(width_in: float | None) -> Iterator[None]:
+    """Draw the figures inside the block with a width [in]; None: that of the page."""
     token = _WIDTH_IN.set(width_in)
     try:
         yield

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -35,13 +36,6 @@ _INPUTS: Final = (  # field, label, factor to the unit shown, unit
 )
 
 
-def error_scale_m(playbacks: Sequence[Playback]) -> float:
-    """Return the cross-track error at the end of bars [m], common to all runs."""
-    errors = (error.cross_m for run in playbacks for error in run.errors.by_point.values())
-    most_cm = max(100.0 * float(np.nanmax(np.abs(error), initial=0.0)) for error in errors)
-    return 0.01 * next((step for step in _BARS_CM if step >= most_cm), _BARS_CM[-1])
-
-
 @dataclass(frozen=True)
 class Hud:
     """Head-up display of the pictures of one run.
@@ -51,9 +45,15 @@ class Hud:
 
     playback: Playback
     size: tuple[int, int]  # of the frame, the band included [pixels]
-    error_m: float  # at the end of bars
     speed: float = 0.0  # seconds of the run per second of film, 0 in a still
     ghosts: Sequence[Ghost] = ()
+
+    @cached_property
+    def error_m(self) -> float:
+        """Cross-track error at the end of bars [m]."""
+        errors = (error.cross_m for error in self.playback.errors.by_point.values())
+        most_cm = max(100.0 * float(np.nanmax(np.abs(error), initial=0.0)) for error in errors)
+        return 0.01 * next((step for step in _BARS_CM if step >= most_cm), _BARS_CM[-1])
 
     @property
     def scale(self) -> float:

@@ -23,7 +23,7 @@ from ..errors import InvalidFilm, NoGraphics
 from .camera import FIELD_OF_VIEW, FollowCamera
 from .drawing import PLAN, POINTS, REFERENCE, Rgb, slip_colour
 from .playback import Ghost, Playback, Poses, rotation
-from .settings import QUALITIES, FilmSettings
+from .settings import FilmSettings
 
 _PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
 _OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL
@@ -33,6 +33,7 @@ _SUN_AWAY_M: Final = 1.6  # distance of the light; farther away, shadow acne app
 _STEP_M: Final = 0.25  # between the points of a line
 _POLE_M: Final = 2.6  # height, above the roof so that the top is always visible
 _SHADOW_MAP: Final = 2048  # pixels
+_SAMPLES: Final = 4  # of a pixel
 _EMISSION, _LIGHT = 1.5, 2.5  # of a line; with sky and sun on level ground
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _GHOST_OPACITY: Final = 0.30
@@ -110,7 +111,7 @@ class MujocoScene:
         ghosts: Sequence[Ghost] = (),
     ) -> None:
         self._playback, self.camera = playback, FollowCamera(playback, settings.speed)
-        self._settings, self._ghosts, self._size = settings, ghosts, size
+        self._ghosts, self._size = ghosts, size
         self._terrain = _drawn(playback.ground.terrain)
         self.model = model = self._compiled()
         self.data = mujoco.MjData(model)
@@ -196,7 +197,7 @@ class MujocoScene:
         visual.rgba.fog = (*_HORIZON, 1.0)
         visual.global_.fovy = math.degrees(FIELD_OF_VIEW)
         visual.quality.shadowsize = _SHADOW_MAP
-        visual.quality.offsamples = QUALITIES[self._settings.quality][1]
+        visual.quality.offsamples = _SAMPLES
         # Clipping planes, fog and shadow distance are multiples of the extent.
         spec.stat.extent = _EXTENT_M * unit
         visual.map.znear, visual.map.zfar = 0.05, 60.0

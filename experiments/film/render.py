@@ -1,4 +1,4 @@
-"""Pictures and films of logs: composition of a frame, and the files."""
+"""Pictures and films of a log: composition of a frame, and the files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ...testbed.atomic_write import atomic_write, partial_path
 from ..errors import InvalidFilm, MissingExtra
 from ..output import refuse_existing
 from .drawing import DARK, GHOSTS
-from .hud import Hud, error_scale_m
+from .hud import Hud
 from .mujoco_scene import MujocoScene, check_graphics
 from .plan_view import PlanView
 from .playback import Ghost, Playback, read_playback
@@ -46,21 +46,19 @@ _WEBP_QUALITY: Final = 45
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """A picture or a film of one run, or of several side by side, that can be written."""
+    """A picture or a film of a run that can be written."""
 
-    runs: tuple[Playback, ...]
-    ghosts: Sequence[Sequence[Ghost]]  # of each run
+    run: Playback
+    ghosts: Sequence[Ghost]
     settings: FilmSettings
     times: FloatArray  # of the frames, (n,) [s of the run]
 
     @classmethod
-    def of(
-        cls, logs: Sequence[Path], settings: FilmSettings, ghosts: Sequence[str | Path] = ()
-    ) -> Film:
-        """Read the logs of runs; all that can be refused without writing is refused here.
+    def of(cls, log: Path, settings: FilmSettings, ghosts: Sequence[str | Path] = ()) -> Film:
+        """Read the log of a run; all that can be refused without writing is refused here.
 
         Args:
-            logs: of the runs, or their folders: one, or several for a film side by side.
+            log: of the run, or its folder.
             settings: of the film.
             ghosts: further vehicles in the picture: logs of other runs, and "reference" for the
                 vehicle on its reference.
@@ -70,24 +68,18 @@ class Film:
             InvalidFilm: a log is torn, or a setting does not suit it.
             NoGraphics: the camera needs OpenGL, which is unavailable.
         """
-        runs = tuple(read_playback(Path(log)) for log in logs)
-        times = settings.times(max(run.begin_s for run in runs), max(run.end_s for run in runs))
+        run = read_playback(log)
+        times, bodies = settings.times(run.begin_s, run.end_s), run.motion.body_names
         others = [read_playback(Path(log)) for log in ghosts if log != REFERENCE_GHOST]
-        bodies = runs[0].motion.body_names
         for other in others:
             if missing := set(bodies) - set(other.motion.body_names):
                 raise InvalidFilm(f"--ghost {other.file}: has no {', '.join(sorted(missing))}")
-        shared = []
+        drawn = [Ghost("reference", GHOSTS[0], run.reference_poses)] * (REFERENCE_GHOST in ghosts)
         for other, colour in zip(others, itertools.cycle(GHOSTS[1:])):
-            shared.append(Ghost(other.label, colour, other.poses_of(bodies)))
-        ghosts_of = [
-            [Ghost("reference", GHOSTS[0], run.reference_poses)] * (REFERENCE_GHOST in ghosts)
-            + shared
-            for run in runs
-        ]
+            drawn.append(Ghost(other.label, colour, other.poses_of(bodies)))
         if settings.camera != "plan":
             check_graphics()
-        return cls(runs, ghosts_of, settings, times)
+        return cls(run, drawn, settings, times)
 
     @property
     def frames(self) -> int:
@@ -95,10 +87,20 @@ class Film:
         return len(self.times)
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the frames in order."""
-        panels = self._panels()
+        """Yield the frames in order, each its views side by side and the display."""
+        settings = self.settings
+        cameras = _SPLIT if settings.camera == "split" else (settings.camera,)
+        make = PlanView if settings.camera == "plan" else MujocoScene
+        speed = settings.speed if settings.at_s is None else 0.0
+        hud = Hud(self.run, settings.pixels, speed, self.ghosts)
+        width, height = hud.view_size
+        view = make(self.run, settings, (width // len(cameras), height), self.ghosts)
         for time_s in self.times.tolist():
-            yield np.hstack([panel(time_s) for panel in panels])
+            image = Image.new("RGB", hud.size, DARK)
+            views = [view.picture(name, time_s) for name in cameras]
+            image.paste(Image.fromarray(np.hstack(views)))
+            hud.draw_onto(image, time_s)
+            yield np.asarray(image)
 
     def write(self, file: Path, on_frame: Callable[[], object] = lambda: None) -> None:
         """Write the picture (.png, .jpg) or the film (.mp4, .webp), whole or not at all.
@@ -138,30 +140,6 @@ class Film:
         except OSError as error:
             reason = error.strerror or error
             raise InvalidFilm(f"{partial_path(file)}: cannot be written: {reason}") from error
-
-    def _panels(self) -> list[Callable[[float], Picture]]:
-        """Return the functions that draw the runs, each its views side by side and the display."""
-        settings, (width, height) = self.settings, self.settings.pixels
-        error_m, width = error_scale_m(self.runs), width // len(self.runs)
-        cameras = _SPLIT if settings.camera == "split" else (settings.camera,)
-        make = PlanView if settings.camera == "plan" else MujocoScene
-        speed = settings.speed if settings.at_s is None else 0.0
-
-        def panel_of(run: Playback, ghosts: Sequence[Ghost]) -> Callable[[float], Picture]:
-            hud = Hud(run, (width, height), error_m, speed, ghosts)
-            view = make(run, settings, (width // len(cameras), hud.view_size[1]), ghosts)
-
-            def panel(time_s: float) -> Picture:
-                time_s = min(time_s, run.end_s)  # a run that has ended stays at its last record
-                image = Image.new("RGB", hud.size, DARK)
-                shown = np.hstack([view.picture(name, time_s) for name in cameras])
-                image.paste(Image.fromarray(shown))
-                hud.draw_onto(image, time_s)
-                return np.asarray(image)
-
-            return panel
-
-        return list(map(panel_of, self.runs, self.ghosts))
 
 
 def _check_writable(file: Path, suffixes: tuple[str, ...]) -> None:

@@ -1,4 +1,4 @@
-"""Settings of pictures and films: camera, time span, speed, size and quality."""
+"""Settings of pictures and films: camera, time span, speed and size."""
 
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
@@ -11,8 +11,6 @@ from ..errors import InvalidFilm
 
 Camera = Literal["chase", "top", "side", "hitch", "split", "plan"]
 CAMERAS: Final[tuple[Camera, ...]] = get_args(Camera)
-# Width, height [pixels] and samples per pixel.
-QUALITIES: Final = {"draft": ((1280, 720), 4), "high": ((1920, 1080), 8)}
 FRAME_RATE: Final = 25  # frames a second of film
 MIN_SIZE: Final = (320, 180)  # smaller text cannot be read
 _MAX_SIZE: Final = (3840, 2160)
@@ -32,8 +30,7 @@ class FilmSettings:
     begin_s: float | None = None  # None: begin of the log
     end_s: float | None = None  # None: end of the log
     speed: float = 8.0  # seconds of the run per second of film
-    quality: str = "draft"  # of `QUALITIES`
-    size: tuple[int, int] | None = None  # width, height [pixels]; None: that of the quality
+    size: tuple[int, int] | None = None  # width, height [pixels]; None: 1280, 720
 
     def __post_init__(self) -> None:
         if self.camera not in CAMERAS:
@@ -51,7 +48,7 @@ class FilmSettings:
     @property
     def pixels(self) -> tuple[int, int]:
         """Width and height of a frame [pixels]."""
-        return self.size or QUALITIES[self.quality][0]
+        return self.size or (1280, 720)
 
     def times(self, first_s: float, last_s: float) -> FloatArray:
         """Return the time of each frame [s of the run], (n,), n at least 1.

@@ -1,6 +1,6 @@
 """Benchmarks of cost and speed beside their limits.
 
-    python -m proving_ground.experiments.papers.benchmarks [PART ...]
+    python -m proving_ground.experiments.papers.benchmarks
 
 Leave the machine idle. Processor times and ratios inside one run, the fastest of several repeats,
 so that other processes matter little; latencies are wall times and count once per step. A figure
@@ -9,7 +9,6 @@ beyond its limit is marked as missed.
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
-import argparse
 import importlib
 import itertools
 import os
@@ -363,12 +362,12 @@ PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
 """Benchmarks by name."""
 
 
-def table(parts: Mapping[str, Callable[[], list[Figure]]]) -> str:
-    """Measure parts and return the machine and their figures beside their limits (Markdown)."""
+def table() -> str:
+    """Measure all parts and return the machine and their figures beside their limits (Markdown)."""
     load_ = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
     where = ", ".join(f"{name} {value}" for name, value in {**machine(), "load": load_}.items())
     lines = []
-    for part, measure in parts.items():
+    for part, measure in PARTS.items():
         print(part, file=sys.stderr, flush=True)
         for item in measure():
             value = f"{item.value:.0f}" if abs(item.value) >= 100.0 else f"{item.value:.3g}"
@@ -376,18 +375,13 @@ def table(parts: Mapping[str, Callable[[], list[Figure]]]) -> str:
     return f"{where}\n\n{markdown(('part', 'figure', 'value', 'limit'), lines)}"
 
 
-STUDIES: Final = (Study(name="performance", make=lambda runner: table(PARTS)),)
+STUDIES: Final = (Study(name="performance", make=lambda runner: table()),)
 
 
-def main(words: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Measure and print the table."""
     use_one_thread()
-    parser = argparse.ArgumentParser(prog="papers.benchmarks", description=__doc__)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"all, or of {', '.join(PARTS)}")
-    given = parser.parse_args(words)
-    if unknown := [part for part in given.parts if part not in PARTS]:
-        parser.error(f"{unknown[0]}: must be one of {', '.join(PARTS)}")
-    print(table({part: PARTS[part] for part in given.parts or PARTS}))
+    print(table())
 
 
 if __name__ == "__main__":  # as a module of its own name, by which processes find its functions

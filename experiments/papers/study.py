@@ -9,8 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ttempc.guidance.parts import ControllerFactory
-
 from ..results.summary import Summary
 from ..run.simulate import simulate
 from ..scenario.scenario import load
@@ -65,14 +63,9 @@ def summary_row(summary: Summary) -> dict[str, Any]:
     return {**head, **figures(summary)}
 
 
-def lap(case: Case, factory: ControllerFactory | None = None) -> Row:
-    """Drive the run of a case and return its `summary_row`.
-
-    Args:
-        case: to drive.
-        factory: of the controller, instead of the one that the scenario names.
-    """
-    return summary_row(simulate(*load(case.scenario, case.overrides), case.seed, factory)[0])
+def lap(case: Case) -> Row:
+    """Drive the run of a case and return its `summary_row`."""
+    return summary_row(simulate(*load(case.scenario, case.overrides), case.seed)[0])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,6 @@ from ...testbed.ground.soil import (
     StrengthMap,
     Tracks,
     Tramlines,
-    parallel_lines,
 )
 from ...testbed.ground.terrain import Terrain, flat, rough
 from ...testbed.randomness import generator
@@ -100,35 +99,7 @@ class LineTramlines(Tracks):
         return Tramlines((np.array(self.points_m),), self)
 
 
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class PassesTramlines(Tracks):
-    """Tracks of straight parallel passes, for example of a sprayer or a seeder."""
-
-    kind: Literal["passes"] = "passes"
-    """Kind of tramlines."""
-    x_m: PlaceM
-    """Start of the first pass, map frame."""
-    y_m: PlaceM
-    """Start of the first pass, map frame."""
-    heading_deg: BearingDeg = 0.0
-    """Direction of the passes, counter-clockwise from east."""
-    length_m: LengthM
-    """Length of each pass."""
-    passes: Annotated[int, Field(ge=1, le=200)] = 1
-    """Number of passes."""
-    spacing_m: LengthM = 3.0
-    """Distance from pass to pass, to the left."""
-
-    def tramlines(self, path: ReferencePath) -> Tramlines:
-        """Return the soil layer; it does not depend on the path."""
-        start, heading = (self.x_m, self.y_m), math.radians(self.heading_deg)
-        lines = parallel_lines(start, heading, self.length_m, self.passes, self.spacing_m)
-        return Tramlines(lines, self)
-
-
-AnyTramlines = Annotated[
-    PathTramlines | LineTramlines | PassesTramlines, Field(discriminator="kind")
-]
+AnyTramlines = Annotated[PathTramlines | LineTramlines, Field(discriminator="kind")]
 """A table with a key `kind`."""
 
 

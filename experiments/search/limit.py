@@ -136,20 +136,18 @@ class Limit:
 
 def limit_file(
     questions: Sequence[Question], engine: Engine, file: Path, show: Callable[[Limit], object]
-) -> str:
-    """Answer questions, write the answers so far after each of them, and return the text.
+) -> None:
+    """Answer questions, and write the answers so far after each of them.
 
     Raises:
         OutputExists, InvalidStudy, SweepStopped: as `write_file` and `find_limit`.
     """
-    answers, text = [], ""
+    answers = []
     for question in questions:
         answers.append(find_limit(question, engine))
         show(answers[-1])
         content = {"versions": versions(), "limits": list(map(asdict, answers))}
-        text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-        write_file(file, text)
-    return text
+        write_file(file, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def find_limit(question: Question, engine: Engine) -> Limit:

@@ -72,7 +72,7 @@ def curve_panels(sweep: Sweep, scale: Scale, table: pd.DataFrame) -> list[Panel]
             looks: dict[str, Any] = series(number, name) | {"markersize": 3.8}
             if scale.numeric:
                 band = {"color": looks["color"], "alpha": 0.15, "linewidth": 0.0}
-                axes.fill_between(x, low, high, label=name, **band)
+                axes.fill_between(x, low, high, **band)
                 axes.plot(x, y, linewidth=1.3, **looks)
             else:  # text values have nothing between them: no line, and bars side by side
                 count = len(sweep.controllers)

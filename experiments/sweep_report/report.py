@@ -14,7 +14,6 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from ..errors import BadOptions
 from ..figures import png
 from ..output import write_file
 from ..report.html import Picture, environment
@@ -63,19 +62,9 @@ class SweepReport:
     sections: list[Section]
 
 
-def make_report(sweep: Sweep, against: str | None = None) -> SweepReport:
-    """Compute the content of a report.
-
-    Args:
-        sweep: the runs.
-        against: the controller that the others are compared with; None: the best of them.
-
-    Raises:
-        BadOptions: the study has no such controller.
-    """
-    if against is not None and against not in sweep.controllers:
-        raise BadOptions(f"--against {against}: the study has {', '.join(sweep.controllers)}")
-    scales, against = sweep.scales, against or best(sweep)
+def make_report(sweep: Sweep) -> SweepReport:
+    """Compute the content of a report."""
+    scales, against = sweep.scales, best(sweep)
     table, paired = groups(sweep), differences(sweep, against)
     tables = {"controllers": _table("Controllers: means over the runs", table, _means(sweep))}
     if len(paired):

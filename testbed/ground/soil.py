@@ -333,21 +333,3 @@ class Tramlines:
             left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
             for side in (0.5, -0.5):
                 yield driven + side * self.tracks.track_m * left
-
-
-def parallel_lines(
-    start: tuple[PlaceM, PlaceM], heading: float, length: float, count: int, spacing: float
-) -> tuple[FloatArray, ...]:
-    """Return parallel straight lines (2, 2) [m], each to the left of the last.
-
-    Args:
-        start: start of the first line (x, y) [m].
-        heading: direction, counter-clockwise from x [rad].
-        length: length of each line [m].
-        count: number of lines.
-        spacing: distance from line to line [m].
-    """
-    ahead = np.array([math.cos(heading), math.sin(heading)])
-    left = np.array([-ahead[1], ahead[0]])
-    first = np.array([start, start + length * ahead])  # (2, 2)
-    return tuple(first + index * spacing * left for index in range(count))

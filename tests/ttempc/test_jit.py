@@ -9,6 +9,8 @@ import sys
 
 import pytest
 
+from ttempc.jit import Compilation
+
 CONSTANTS = """
 from enum import IntEnum
 class Entry(IntEnum):
@@ -85,3 +87,12 @@ def test_without_a_writable_folder_kernels_run_uncached(sources, given):
     result, hits, (line,) = run_caller(sources, NUMBA_CACHE_DIR=given, **homes)
     assert (result, hits) == (101.0, 0)
     assert "NUMBA_CACHE_DIR" in line
+
+
+def test_kernels_are_announced_while_a_thread_compiles_the_first_one(caplog):
+    compilation = Compilation()
+    compilation.on_start(None)
+    compilation.announce()
+    compilation.on_end(None)
+    compilation.announce()
+    assert [line.message[:18] for line in caplog.records if line.args] == ["compiled 1 kernels"]

@@ -314,11 +314,7 @@ def correct(
                     for level in range(_LEVELS):
                         spread[r + c, level] += weight * cross[level, c, k]
     nu = first - reading[0]
-    if (
-        sensor == SensorIndex.STEERING_TRACTOR
-        or sensor == SensorIndex.STEERING_TRAILER
-        or sensor == SensorIndex.HITCH
-    ):
+    if SensorIndex.STEERING_TRACTOR <= sensor <= SensorIndex.HITCH:
         nu -= 2.0 * math.pi * round(nu / (2.0 * math.pi))
     root = math.sqrt(spread[0, 0] + variance)  # L: its diagonal, and the entry below
     below, corner = 0.0, 1.0
@@ -441,6 +437,8 @@ def _weigh(
     if usable:
         since_s = now.rejected_since[sensor]
         forced = time_s - since_s >= f.patience[sensor] - SAME_TIME_S
+        if sensor <= SensorIndex.GNSS_TRAILER:  # the other receiver tells which of them lies
+            forced = forced and not math.isnan(now.rejected_since[1 - sensor])
         result = correct(
             parameters, moment, sensor, first, second, variance, forced, body < 0, rows
         )

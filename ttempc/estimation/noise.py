@@ -171,8 +171,8 @@ class ProcessNoise:
     joint_walk: float = 0.0002  # random walk of it at a factor WHEEL of 1 [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
-    side_per_slope: float = 0.0  # side slip on the slope that IMUs show [rad/rad]; 0: not used
-    slip_per_slope: float = 0.2  # of side slip by the slope, for the covariance [rad/rad]; assumed
+    side_per_slope: float = 0.0  # moves the side slip by the IMUs' slope [rad/rad]; 0: not used
+    slip_per_slope: float = 0.2  # tells the slope's size by that slip, without IMUs; assumed
     axle_heights: float = 0.1  # tractor's axle point above the trailer's [m]; kayacan2016
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records

@@ -403,8 +403,10 @@ def _observe_estimate(
     way = speed * span_s
     dx = x[0] - last[1] - way * (math.cos(yaw) - slip * math.sin(yaw))
     dy = x[1] - last[2] - way * (math.sin(yaw) + slip * math.cos(yaw))
-    if alarms[DetectorIndex.WHEELS, 0] > _GO_ON or alarms[DetectorIndex.MOTION, 0] >= 0.0:
-        # Wheels that spin make less way, no more than all of it.
+    spins = alarms[DetectorIndex.WHEELS, 0] > _GO_ON or alarms[DetectorIndex.MOTION, 0] >= 0.0
+    if spins and np.sum(s.speed_sums[:, 0]) > np.sum(s.speed_sums[:, 1]):
+        # Wheels that spin make less way, no more than all of it. GNSS that is faster jumps.
+        s.spun_s = now
         back = -math.copysign(1.0, way) * (dx * math.cos(yaw) + dy * math.sin(yaw))
         back = math.copysign(min(max(0.0, back), abs(way)), way)
         dx, dy = dx + back * math.cos(yaw), dy + back * math.sin(yaw)
@@ -499,7 +501,7 @@ def _observe_speeds(
 ) -> None:
     s = record(monitors, MONITORS)
     limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
-    sent, differences, work = command[0] == command[0], s.differences, s.workspace
+    sent, differences, work, new = command[0] == command[0], s.differences, s.workspace, False
 
     for sensor in range(DetectorIndex.STEERING):
         kept = s.reading[sensor]
@@ -529,7 +531,6 @@ def _observe_speeds(
         lasts = s.alarms[sensor, 0] >= 0.0 and repeated >= _ENDS * limit[sensor]
         unused[sensor] = 1.0 if lasts or repeated > limit[sensor] else 0.0
 
-    new = False
     for row in range(len(rows)):
         sensor, time_s, x, y = int(rows[row, 1]), rows[row, 0], rows[row, 2], rows[row, 3]
         if unused[sensor] > 0.0 or not math.isfinite(time_s + x + y):
@@ -645,8 +646,7 @@ def _observe_steering(
 ) -> None:
     s = record(monitors, MONITORS)
     limit, statistic, residuals, unused = s.limit, s.statistic, s.residual, s.unused
-    alarms = s.alarms
-    sent = command[0] == command[0]
+    alarms, sent = s.alarms, command[0] == command[0]
     axes = 2 if now > s.steered_s else 0
     s.steered_s = max(now, s.steered_s)
     for axis in range(axes):
@@ -784,6 +784,10 @@ def _observe_steering(
             equivalent = ((square / entries) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
             statistic[index] = residuals[index] = max(0.0, equivalent)
 
+    # Motion lasts as long as both receivers contradict the estimate, as those that are swapped.
+    both = min(alarms[DetectorIndex.INNOVATIONS, 0], alarms[DetectorIndex.INNOVATIONS + 1, 0])
+    if both >= 0.0 and alarms[DetectorIndex.MOTION, 0] >= 0.0:
+        statistic[DetectorIndex.MOTION] = max(_MOTION[0], statistic[DetectorIndex.MOTION])
     for index in range(_COUNT):
         if statistic[index] > limit[index]:
             for n in range(ALARM if alarms[index, 0] < 0.0 else 0):
@@ -794,10 +798,7 @@ def _observe_steering(
         unused[SensorIndex.ENCODER] = 1.0
     if alarms[DetectorIndex.HITCH, 0] >= 0.0:
         unused[SensorIndex.HITCH] = 1.0
-    # Until the vehicle stands, when the sum tells whether GNSS has come back. Where the wheels may
-    # spin, dead reckoning is worse.
-    if alarms[DetectorIndex.WHEELS, 0] > _GO_ON or alarms[DetectorIndex.MOTION, 0] >= 0.0:
-        s.spun_s = now
+    # Until the vehicle stands. Where the wheels may spin, dead reckoning is worse.
     fooled = alarms[DetectorIndex.POSITION, 0] >= 0.0 and now - s.spun_s > _SPUN_S
     for sensor in range(2 if fooled and abs(s.pose[4]) > _MOVING else 0):
         unused[sensor] = 1.0

@@ -6,18 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
-
-from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.vehicle import Vehicle
 
 from ....testbed.recording.channels import TUBE
 from ....testbed.recording.record import Record
-from ...figures import png
-from ...figures.style import BODY_COLOURS, PALE, blank, dress, legend
 from ...results.statistics import proportion
-from ...results.tracking_errors import START_UP_S, Containment, containment
+from ...results.tracking_errors import START_UP_S, containment
 from ...run.simulate import simulate
 from ...scenario.scenario import Scenario, load
 from ...scenario.tube_file import PointHalfWidths, TubeFile, read_tube, to_json
@@ -25,7 +18,7 @@ from ...seeds import FITTING, report_seeds
 from ...tubes.calibration import calibrate_tube, driven_run
 from ...tubes.fit import fit_run, fit_tube
 from ..runner import Runner
-from ..study import Block, Case, Row, Study
+from ..study import Case, Row, Study
 from ..tables import grouped, label, lost, mean, slash
 
 DRIVER: Final = "ttempc-tube"
@@ -80,12 +73,12 @@ def fitted(case: Case) -> Row:
 
 
 def fresh_lap(case: Case) -> Row:
-    """Drive a lap in a tube and return its counts, and its deviations on the field of the tube."""
+    """Drive a lap in a tube and return its counts."""
     summary, record = simulate(*load(case.scenario, case.overrides), case.seed)
     found = containment(record)
     inside, membership = found.margin >= 0.0, record[TUBE]["inside"]
     across = [*found.ACROSS.values()]
-    row: dict[str, Any] = {
+    return {
         "status": summary.status,
         "restarts": int((membership[record[TUBE].time_s >= START_UP_S] < 0.5).sum()),
         "largest_m": np.abs(found.deviation[:, found.POINTS]).max(axis=0, initial=0.0),
@@ -93,13 +86,10 @@ def fresh_lap(case: Case) -> Row:
         "steps": len(inside),
         "inside": int(inside.sum()),
     }
-    if case["field"] == BORROWED:
-        row |= {"time_s": found.time_s, "deviation": found.deviation, "width": found.half_width}
-    return row
 
 
-def study(runner: Runner) -> Block:
-    """Fit and calibrate the tubes, drive the fresh laps; return their table and the picture."""
+def study(runner: Runner) -> str:
+    """Fit and calibrate the tubes, drive the fresh laps; return their table."""
     folder = runner.kept().resolve()
     common = {"folder": folder, "fit": tuple(FIT_SEEDS), "calibrate": tuple(CALIBRATION_SEEDS)}
     made = runner.frame([_case(field, 0, **common) for field in OWN], fitted)
@@ -113,7 +103,7 @@ def study(runner: Runner) -> Block:
     ]
     laps = runner.frame(fresh, fresh_lap)
     tubes = {name: read_tube(str(file)) for name, file in files.items()}
-    return Block(lap_table(laps, tubes), {"../tube/path.png": png(path(laps))})
+    return lap_table(laps, tubes)
 
 
 def lap_table(laps: pd.DataFrame, tubes: Mapping[str, TubeFile]) -> str:
@@ -151,47 +141,6 @@ def lap_table(laps: pd.DataFrame, tubes: Mapping[str, TubeFile]) -> str:
         "laps inside the calibrated widths": calibrated,
     }
     return grouped(laps, ["field"], cells)
-
-
-_NEAR_M: Final = 0.9  # half width of the close views
-_INTO_THE_CURVE: Final = 40  # ticks from its start to the close views
-
-
-def path(laps: pd.DataFrame) -> Figure:
-    """Draw the tube around the path and the laps in it, about a nominal vehicle on the path."""
-    own = laps.loc[laps["field"] == BORROWED]
-    tracks = [*zip(own["time_s"], own["deviation"], own["width"], strict=True)]
-    reference = Reference(figure_eight(laps=1), Vehicle(), ConstantSpeed(1.0))
-    figure = blank(3.6)
-    views = figure.subplot_mosaic(
-        [["whole", "tractor"], ["whole", "trailer"]], width_ratios=(1.5, 1.0)
-    )
-    time_s, _, widths = tracks[0]
-    at = reference.at(time_s)
-    curvature = np.abs(at.curvature)
-    middle = int(np.argmax(curvature > 0.999 * curvature.max())) + _INTO_THE_CURVE
-    places = {"tractor": (at.state[:, :2], 2), "trailer": (at.trailer_xy, 3)}  # yaw's state
-    for body, (place, yaw) in places.items():
-        near, colour, column = views[body], BODY_COLOURS[body], Containment.ACROSS[body]
-        heading = at.state[:, yaw]
-        left = np.column_stack([-np.sin(heading), np.cos(heading)])
-        width = widths[:, column, None] * left
-        band = np.concatenate([place + width, (place - width)[::-1]])
-        for axes in (views["whole"], near):
-            axes.fill(*band.T, color=PALE, alpha=0.6, linewidth=0.0)
-        for number, (times, deviation, _) in enumerate(tracks):
-            ticks = slice(len(times))  # fewer in a lap that terminated early
-            driven = place[ticks] + (-deviation[:, column, None]) * left[ticks]
-            near.plot(*driven.T, color=colour, linewidth=0.5)
-            shown = body if number == 0 else None
-            views["whole"].plot(*driven.T, color=colour, linewidth=0.5, label=shown)
-        (x, y), reach = place[middle], np.array([-_NEAR_M, _NEAR_M])
-        near.set(xlim=x + reach, ylim=y + 0.5 * reach)
-    for name, axes in views.items():
-        axes.set_aspect("equal")
-        dress(axes, "" if name == "tractor" else "x [m]", "y [m]")
-    legend(views["whole"], 2)
-    return figure
 
 
 STUDIES: Final = (

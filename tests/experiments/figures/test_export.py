@@ -1,17 +1,10 @@
-"""Figures for papers: widths, formats with editable text, and the data that they show."""
+"""Figures for papers: widths, and formats with editable text."""
 
-import csv
-import io
 import re
 
-import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.figures import FIGURES
-from proving_ground.experiments.figures.export import export_figures, figure_csv, run_figures
-from proving_ground.experiments.results.tracking_errors import tracking_errors
-from proving_ground.experiments.sweep_report.runs import groups, read_sweep
+from proving_ground.experiments.figures.export import export_figures, run_figures
 from proving_ground.testbed.log.reader import read_log
 
 from tests.experiments.sweep_rows import AXES, swept
@@ -30,39 +23,6 @@ def record(log):
     return read_log(log)
 
 
-def test_a_band_whose_ends_are_not_known_has_no_columns():
-    axes = Figure().subplots()
-    axes.fill_between([0.0, 1.0, 2.0], np.full(3, np.nan), np.ones(3), label="tube")
-    axes.plot([0.0, 1.0, 2.0], [3.0, 4.0, 5.0], label="tube")
-    assert figure_csv(axes.figure).splitlines()[1:] == [f"0,,tube,{x},{x + 3}" for x in (0, 1, 2)]
-
-
-def data(record, name):
-    """Points of a figure by chart and line."""
-    points = {}
-    for row in csv.DictReader(io.StringIO(figure_csv(FIGURES[name](record)))):
-        points.setdefault((int(row["chart"]), row["line"]), []).append(
-            (float(row["x"]), float(row["y"]))
-        )
-    return {key: np.array(value) for key, value in points.items()}
-
-
-def test_the_csv_has_the_errors_that_the_figure_shows(record):
-    errors = tracking_errors(record)
-    lines = data(record, "cross-track")
-    for point in ("tractor", "trailer"):
-        shown = lines[0, point]
-        np.testing.assert_allclose(shown[:, 1], 100 * errors.by_point[point].cross_m, rtol=1e-8)
-    assert lines[0, "tractor"][-1, 0] == pytest.approx(15.0, abs=0.5)  # length of the path [m]
-
-
-def test_every_line_of_the_csv_has_a_name(record):
-    signals = {line for _, line in data(record, "signals")}
-    assert {"feedback", "lower bound", "upper bound"} <= signals
-    error = {line for _, line in data(record, "error")}
-    assert error == {"tractor", "trailer", "mean on straights"}
-
-
 @pytest.mark.parametrize(("width", "inches"), [("single", 8.8 / 2.54), ("12.7", 5.0)])
 def test_the_width_is_that_of_the_file(log, tmp_path, width, inches):
     folder = tmp_path / "figures"
@@ -70,11 +30,7 @@ def test_the_width_is_that_of_the_file(log, tmp_path, width, inches):
     assert main([*line, "--only", "error"]) == 0
     svg = (folder / "error.svg").read_text()
     assert float(re.search(r'width="([\d.]+)pt"', svg)[1]) == pytest.approx(72 * inches, abs=0.1)
-    assert sorted(file.name for file in folder.iterdir()) == [
-        "error.csv",
-        "error.png",
-        "error.svg",
-    ]
+    assert {file.name for file in folder.iterdir()} == {"error.png", "error.svg"}
 
 
 def test_text_stays_text_and_equal_figures_give_equal_files(record):
@@ -85,31 +41,18 @@ def test_text_stays_text_and_equal_figures_give_equal_files(record):
     assert dict(export_figures(error, ["pdf", "svg"])) == files
 
 
-def test_the_csv_of_a_sweep_has_the_numbers_of_its_report(tmp_path):
-    folder = swept(tmp_path, "seeds = 2", AXES)
-    target = tmp_path / "figures"
-    assert main(["report", str(folder), "-o", str(target), "--format", "svg"]) == 0
-    sweep = read_sweep(folder)
-
-    def rows(name):
-        return list(csv.DictReader(io.StringIO((target / f"{name}.csv").read_text())))
-
-    (_, cone) = sweep.scales
-    curve = rows("error-over-cone-index-kpa")
-    assert {row["line"] for row in curve} == {*sweep.controllers}
-    own = groups(sweep, [cone]).set_index("controller").loc["ttempc"]
-    shown = [float(row["y"]) for row in curve if row["line"] == "ttempc"]
-    np.testing.assert_allclose(shown, [item.value for item in own["error_cm"]], rtol=1e-8)
-    assert all(float(row["y_low"]) <= float(row["y"]) <= float(row["y_high"]) for row in curve)
+def test_the_charts_of_a_sweep_are_figures_of_their_own(tmp_path):
+    folder, target = swept(tmp_path, "seeds = 2", AXES), tmp_path / "figures"
+    line = ["report", str(folder), "-o", str(target), "--format", "svg", "--only"]
+    assert main([*line, "error-over-cone-index-kpa"]) == 0
+    assert [file.name for file in target.iterdir()] == ["error-over-cone-index-kpa.svg"]
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("--only", "all"), "--only: got 'all'"),
-        (("--against", "pid"), "goes with a sweep"),
         (("--width", "3"), "from 4 to 100"),
-        (("--style", "nowhere"), "is no file and no style"),
         (("--format", "gif"), "got 'gif', must be of pdf, svg, png"),
     ],
 )

@@ -22,7 +22,7 @@ def test_the_display_names_a_fault_while_it_acts_and_hides_nothing_below_the_sky
     )
 
     def shown(run, time_s):
-        hud = Hud(run, (1280, 720), 0.1)
+        hud = Hud(run, (1280, 720))
         picture = Image.new("RGB", hud.size)
         hud.draw_onto(picture, time_s)
         return np.asarray(picture), hud.view_size[1]

@@ -109,7 +109,7 @@ def test_the_plan_shows_the_tractor_where_it_was(log, playback):
     centroids = []
     for time_s in (1.0, 9.0):
         settings = FilmSettings(camera="plan", at_s=time_s, size=(1280, 720))
-        (picture,) = Film.of([log], settings).pictures()
+        (picture,) = Film.of(log, settings).pictures()
         red, green, blue = np.moveaxis(picture[60:550].astype(int), -1, 0)
         rows, columns = np.nonzero((red > 150) & (red > 2 * green) & (red > 2 * blue))
         centroids.append((columns.mean(), -rows.mean()))
@@ -142,7 +142,7 @@ def test_an_mp4_without_its_encoder_is_refused_and_a_webp_needs_none(
     assert not list(tmp_path.iterdir())
     settings = FilmSettings(camera="plan", begin_s=2.0, end_s=3.6, speed=4.0, size=SMALL)
     file = tmp_path / "plan.webp"
-    Film.of([log], settings).write(file)
+    Film.of(log, settings).write(file)
     with Image.open(file) as animation:
         assert (animation.n_frames, animation.size) == (5, SMALL)
         assert animation.info["loop"] == 0
@@ -150,10 +150,10 @@ def test_an_mp4_without_its_encoder_is_refused_and_a_webp_needs_none(
         animation.load()
         assert animation.info["duration"] == 80
     with pytest.raises(OutputExists):
-        Film.of([log], settings).write(file)
+        Film.of(log, settings).write(file)
     many = FilmSettings(camera="plan", speed=0.05, size=SMALL)
     with pytest.raises(InvalidFilm, match="at most 500"):
-        Film.of([log], many).write(tmp_path / "long.webp")
+        Film.of(log, many).write(tmp_path / "long.webp")
     assert list(tmp_path.iterdir()) == [file]
 
 

@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures.comparison_figures import COMPARISONS
-from proving_ground.experiments.film.render import Film
-from proving_ground.experiments.film.settings import FilmSettings
 from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
 
 
@@ -47,15 +45,6 @@ def test_runs_are_compared_up_to_the_end_of_the_shortest_and_labelled_by_what_di
         assert run.common.split(" · ") == [parts[0], parts[2]]
 
 
-def test_a_side_by_side_film_shows_each_run_in_its_own_part(short_runs):
-    both = logs(short_runs, "paper", "nominal")
-    settings = FilmSettings(camera="plan", at_s=8.0, size=(640, 180))
-    (picture,), (swapped,) = (Film.of(runs, settings).pictures() for runs in (both, both[::-1]))
-    assert picture.shape == (180, 640, 3)
-    np.testing.assert_array_equal(picture[:, :320], swapped[:, 320:])
-    np.testing.assert_array_equal(picture[:, 320:], swapped[:, :320])
-
-
 def test_what_cannot_be_compared_is_refused_before_anything_is_written(
     short_runs, tmp_path, capsys
 ):
@@ -68,7 +57,6 @@ def test_what_cannot_be_compared_is_refused_before_anything_is_written(
         ([one], "takes 2 to 6"),
         ([one, *logs(short_runs, "none")], "cannot be read"),
         ([one, torn], "is torn"),
-        ([one, other, "--ghost", one.parent, "--ghost", "reference"], "--ghost"),
     ):
         assert main(["compare", *map(str, files), "-o", str(folder)]) == 2
         message = capsys.readouterr().err

@@ -28,7 +28,6 @@ map = { file = "maps/strength.npy", spacing_m = 1.0 }
 random = {}
 tramlines = [
     { kind = "path", width_m = 1, track_m = 1.5 },
-    { kind = "passes", x_m = -40, y_m = -20, length_m = 80, passes=3, width_m=1, track_m=1.5 },
     { kind = "line", points_m = [[-30, -20], [0, -15], [30, -20]], width_m = 1, track_m = 1.5 },
 ]
 """
@@ -62,7 +61,7 @@ def test_files_are_found_beside_the_scenario_and_again_from_its_resolved_copy(
 def test_layers_lie_in_the_stated_order(folder):
     assembly = assemble(load(str(folder / "field.toml"))[1], 4)
     names = [type(layer).__name__ for layer in assembly.plant.soil.layers]
-    assert names == ["Gradient", "StrengthMap", "RandomField", "Patch", *["Tramlines"] * 3]
+    assert names == ["Gradient", "StrengthMap", "RandomField", "Patch", *["Tramlines"] * 2]
 
 
 def test_a_map_covers_the_gradient_and_tramlines_multiply_a_patch(folder):

@@ -175,7 +175,6 @@ def test_foreign_rows_are_refused_in_one_line(change, message, begun, capsys):
 
 
 def test_other_folders_and_options_are_refused(begun, capsys):
-    refused(begun, "the study has paper", capsys, "--against", "pid")
     refused(begun, "from 1e-6", capsys, "--limit", "0")
     for missing in ("study.toml", "versions.json", "results.jsonl"):
         content = (begun / missing).read_bytes()

@@ -16,7 +16,6 @@ from proving_ground.testbed.ground.soil import (
     StrengthMap,
     Tracks,
     Tramlines,
-    parallel_lines,
 )
 from proving_ground.testbed.ground.terrain import Terrain
 from pydantic import ValidationError
@@ -181,12 +180,6 @@ def test_crossing_tracks_of_one_kind_count_once_and_two_kinds_twice():
     loose = Tramlines((across,), Tracks(track_m=1.0, strength_factor=0.5))
     twice = SoilMap(1.0, (once, loose))
     assert twice.cone_index(0.5, 0.5) == 0.75
-
-
-def test_parallel_passes_run_beside_each_other_to_the_left():
-    lines = parallel_lines((1.0, 2.0), 0.5 * math.pi, 10.0, 3, 4.0)
-    np.testing.assert_allclose(lines[0], [[1, 2], [1, 12]], atol=1e-12)
-    np.testing.assert_allclose(lines[2], [[-7, 2], [-7, 12]], atol=1e-12)
 
 
 # --- refusals --------------------------------------------------------------------------------
