@@ -239,7 +239,7 @@ class PaperFeedback(FeedbackLaw):
             feedback=-u_b * self._to_vehicle,
             robust=u_m * self._to_vehicle,
             modelling_error=z_m,
-            predicted_path=self._path.under(k, self._mpc.work, self._positions),
+            predicted_path=self._path.under(k, self._mpc.work, self._positions[k + 1 :]),
             solver=report,
             fallback="" if report.accepted else f"QP {report.status}: previous feedback held",
         )

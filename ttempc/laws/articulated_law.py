@@ -52,21 +52,20 @@ LAW: Final = np.dtype(
 
 POINT: Final = np.dtype(
     [
-        ("state", "f8", 7),  # of the reference
-        ("feedforward", "f8", 3),  # u_r
         ("gains", "f8", (3, 7)),  # of the robust law in units of its limit
         ("ancillary", "f8", (3, 7)),  # K of the backup plan
         ("half_widths", "f8", 9),  # of the report
     ]
 )
-"""The same at a tick of its reference."""
+"""The same at a row of its tables."""
 
 
 class Law(NamedTuple):
-    """Arrays of an articulated law along a reference of T ticks."""
+    """Arrays of an articulated law along a reference of N ticks, with tables of T rows."""
 
     constants: FloatArray  # record `LAW`
-    points: FloatArray  # records `POINT`, (T, 61)
+    course: FloatArray  # state (7,) and inputs u_r (3,) of the reference, (N, 10)
+    points: FloatArray  # records `POINT`, (T, 51)
     faces: FloatArray  # of the tube (T, f, 7), or of the set of disturbances (1, f, 7); (0, 0, 7)
     reserve: FloatArray  # of the inputs, for the ancillary gain at stage j, (Np, T, 3); (0, 0, 3)
 
@@ -88,9 +87,10 @@ MEMORY: Final = np.dtype(
         ("planned", "f8"),  # last tick at which it was followed
         ("plan_state", "f8", 16),  # its error and inputs there
         ("plan_input", "f8", 3),
+        ("beyond", "f8"),  # ticks that the reference is beyond the tables, see `ArticulatedLaw`
     ]
 )
-"""Memory of an articulated law from tick to tick."""
+"""Memory of an articulated law from tick to tick; ticks are rows of the tables."""
 
 _TINY: Final = 1e-30  # keeps the autocorrelation of a signal of zeros finite
 
@@ -217,11 +217,8 @@ def propose(
     """
     s, t, constants = record(memory, MEMORY), record(tick, TICK), record(law.constants, LAW)
     modelling, tube, action, previous = t.tracking, t.tube, s.action, s.previous
-    reference, wheelbase, tau = (
-        record(law.points[k], POINT).state,
-        constants.wheelbase,
-        constants.time_constant,
-    )
+    at, wheelbase, tau = k + int(s.beyond), constants.wheelbase, constants.time_constant
+    reference = law.course[at]
     write_error(reference, estimate, wheelbase, tau, given)
     # Far below the planned speed the model, linear at that speed, would expect both bodies to turn
     # late, and steer against it: there the vehicle follows the path without a time.
@@ -239,9 +236,8 @@ def propose(
         modelling[7 + i] = math.nan
     for i in range(20):
         tube[i] = math.nan
-    feedforward = record(law.points[max(k - 1, 0)], POINT).feedforward
     for i in range(_M):
-        given[16 + i] = previous[i] = feedforward[i] - sent[i]
+        given[16 + i] = previous[i] = law.course[max(at - 1, 0), _N + i] - sent[i]
         action[i] = 0.0
     s.fallback = 0.0
     if constants.kind != NOMINAL:
@@ -260,13 +256,7 @@ def propose(
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def conclude(
-    k: int,
-    outcome: int,
-    law: Law,
-    stages: Stages,
-    work: Work,
-    memory: FloatArray,
-    tick: FloatArray,
+    k: int, outcome: int, law: Law, stages: Stages, work: Work, memory: FloatArray, tick: FloatArray
 ) -> None:
     """Write the actions of tick `k` for the plan in `Work.steps` into the record `tick`.
 
@@ -285,7 +275,7 @@ def conclude(
     s, t, point = record(memory, MEMORY), record(tick, TICK), record(law.points[k], POINT)
     solver, action, feedback, ancillary = t.solver, s.action, s.feedback, point.ancillary
     plan_state, plan_input, state, control = s.plan_state, s.plan_input, s.state, t.control
-    coming, previous, feedforward = s.coming, s.previous, point.feedforward
+    coming, previous, feedforward = s.coming, s.previous, law.course[k + int(s.beyond), _N:]
     given, steps, kept, limits = work.given, work.steps, work.kept, stages.limits
     if outcome >= 0:
         solver[0], solver[1], solver[2], solver[3] = 1.0, outcome, 0.0, 0.0
@@ -365,10 +355,17 @@ _EXCESS: Final = 1e-3  # [m], [rad] violation of the corridor from which it coun
 
 
 class ArticulatedLaw(FeedbackLaw):
-    """Linear MPC on the articulated error model with what a `Law` adds, by compiled code."""
+    """Linear MPC on the articulated error model with what a `Law` adds, by compiled code.
 
-    def __init__(self, law: Law, horizon: CondensedHorizon, path: PredictedPath) -> None:
+    Of a reference that repeats every `lap` ticks the tables of law and horizon have the first laps:
+    all later ones are driven with those of the second, at the nearest tick.
+    """
+
+    def __init__(
+        self, law: Law, horizon: CondensedHorizon, path: PredictedPath, lap: float = math.inf
+    ) -> None:
         self.law, self.path, self.mpc = law, path, LinearMpc(horizon)
+        self._lap, self._beyond, self._until = lap, 0, 2.0 * lap
         self._memory = np.zeros(MEMORY.itemsize // 8)
         memory = self._memory.view(MEMORY)[0]
         memory["last"] = memory["made"] = memory["planned"] = -2.0
@@ -388,13 +385,24 @@ class ArticulatedLaw(FeedbackLaw):
 
     def act(self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray) -> None:
         self._last, self.report = (row, sent), None
-        self._drive(k, self.mpc.work, self._memory, tick)
+        if not self._beyond <= k < self._until:
+            self._turn(k)
+        self._drive(k - self._beyond, self.mpc.work, self._memory, tick)
+
+    def _turn(self, k: int) -> None:
+        """Move to the rows of the tables that stand for the lap of tick `k`."""
+        memory = self._memory.view(MEMORY)[0]
+        self._beyond = round(max(0.0, k // self._lap - 1.0) * self._lap)
+        self._until = self._beyond + 2.0 * self._lap
+        for name in ("last", "made", "planned"):
+            memory[name] += memory["beyond"] - self._beyond
+        memory["beyond"], self.mpc.work.tick[0] = self._beyond, -1.0
 
     def prepare(self, k: int) -> None:
         """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
             self.mpc.beside.entering[:] = self.mpc.work.entering
-            self._drive(k, self.mpc.beside, self._memory.copy(), new_tick())
+            self._drive(k - self._beyond, self.mpc.beside, self._memory.copy(), new_tick())
 
     def warm_up(self) -> None:
         """Solve the problem of the last step by the solver, which takes milliseconds at first."""
@@ -403,7 +411,7 @@ class ArticulatedLaw(FeedbackLaw):
     def _drive(self, k: int, work: Work, memory: FloatArray, tick: FloatArray) -> None:
         law, stages, (row, sent) = self.law, self.mpc.horizon.stages, self._last
         if self.field is not None:  # -E (s(k + j) - s(k)), see `error_dynamics`
-            ahead = self.field.ahead(k, len(work.preview))[..., None]
+            ahead = self.field.ahead(k + self._beyond, len(work.preview))[..., None]
             by_slips = stages.model[k : k + len(ahead), :, _N : _N + MAPPED]
             work.preview[:] = (by_slips @ ahead)[..., 0]
         outcome = _drive(k, row, sent, law, stages, work, memory, tick, self.mpc.most)
@@ -416,7 +424,8 @@ class ArticulatedLaw(FeedbackLaw):
             conclude(k, outcome, law, stages, work, memory, tick)
 
     def predicted_path(self, k: int) -> FloatArray:
-        return self.path.under(k, self.mpc.work, self.mpc.horizon.stages.outputs)
+        outputs = self.mpc.horizon.stages.outputs[k - self._beyond + 1 :]
+        return self.path.under(k, self.mpc.work, outputs)
 
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""
@@ -442,20 +451,22 @@ def law_of(
     reference: FloatArray,
     feedforward: FloatArray,
     vehicle: Vehicle,
+    rows: int,
     **fields: FloatArray | float,
 ) -> Law:
-    """Return the law of a kind along `reference` (T + 1, 7) and `feedforward` (T, 3).
+    """Return the law of a kind along `reference` (N + 1, 7) and `feedforward` (N, 3).
 
-    `fields` are those of `Law`, `LAW` and `POINT` that it does not lack.
+    The tables have `rows` rows; `fields` are those of `Law`, `LAW` and `POINT` that it has.
     """
     faces = np.asarray(fields.pop("faces", np.zeros((0, 0, _N))))
     reserve = np.asarray(fields.pop("reserve", np.zeros((0, 0, _M))))
     constants = np.zeros(LAW.itemsize // 8)
-    points = np.zeros((len(feedforward), POINT.itemsize // 8))
-    fields |= {"kind": kind, "wheelbase": vehicle.wheelbase, "feedforward": feedforward}
-    fields |= {"time_constant": vehicle.speed_time_constant, "state": reference[: len(points)]}
+    points = np.zeros((rows, POINT.itemsize // 8))
+    course = np.concatenate([reference[: len(feedforward)], feedforward], axis=1)
+    fields |= {"kind": kind, "wheelbase": vehicle.wheelbase}
+    fields["time_constant"] = vehicle.speed_time_constant
     for name, values in fields.items():
         of_law = name in (LAW.names or ())
         target = constants.view(LAW)[0] if of_law else points.view(POINT)[:, 0]
         target[name] = values
-    return Law(constants, points, faces, reserve)
+    return Law(constants, course, points, faces, reserve)

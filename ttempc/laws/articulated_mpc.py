@@ -22,13 +22,8 @@ from ..mpc.articulated_error import (
 )
 from ..mpc.lmpc import CondensedHorizon, HorizonTuning
 from ..reference.corridor import SpeedTube
-from ..reference.reference import GUIDED, Guided, Reference, guided
-from ..tube.reference_tube import (
-    GrowingTube,
-    ReferenceTube,
-    TubeDesign,
-    report_rows,
-)
+from ..reference.reference import GUIDED, ConstantSpeed, Guided, Reference, guided
+from ..tube.reference_tube import GrowingTube, ReferenceTube, TubeDesign, report_rows
 from ..types import FloatArray, Input, State
 from ..vehicle import Vehicle
 from .articulated_law import NOMINAL, ONE_STEP, TUBE_MPC, ArticulatedLaw, law_of
@@ -204,6 +199,8 @@ _RESPONSE_S: Final = 0.8
 # across the path on which the MPC acts, the limit along it, and the next; tuned on entries
 _CAPTURE: Final = math.radians(25.0)
 _AHEAD_M: Final = 0.3
+_LAPS: Final = 3  # of which every one has its own tables
+_SETTLED_S: Final = 80.0  # after the second lap, from whose end the gains are computed; assumed
 _TRACTOR: Final = 0.55  # weight of the tractor's error across there, which else swings the bodies
 
 
@@ -231,8 +228,14 @@ def articulated_controller(
     reference = guided(reference, options.guided)
     options = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
     course = ExactCourse(reference, period_s, options.horizon)
-    a, b, c = error_dynamics(reference, period_s, len(course.feedforward))
-    bounds = remaining_bounds(course.feedforward, course.limits)
+    # Laps of a closed path at one speed share their tables: a place is off by half a tick at most
+    lap, path = math.inf, reference.path
+    if path.laps > _LAPS and isinstance(reference.speed, ConstantSpeed) and not reference.corridor:
+        lap = path.lap_m / (reference.speed.speed * period_s)
+    ticks = min(len(course.feedforward), 2.0 * lap + _SETTLED_S / period_s)
+    grid, feedforward = course.grid, course.feedforward[: int(ticks)]
+    a, b, c = error_dynamics(reference, period_s, len(feedforward))
+    bounds = remaining_bounds(feedforward, course.limits)
     kind, free, soft = NOMINAL, None, None
     spread, limit = np.zeros(options.horizon + 1), math.radians(options.hitch_limit_deg)
     parts: dict[str, FloatArray | float] = {"disturbances": float(options.disturbances)}
@@ -246,7 +249,7 @@ def articulated_controller(
         parts["gains"] = gains / parts["limit"][:, None]
         parts["forgetting"] = math.exp(-period_s / options.memory_s)
         if options.tightening == "tube" and design:
-            tube = GrowingTube.along(design, a, b, c, course.feedforward, options)
+            tube = GrowingTube.along(design, a, b, c, feedforward, options)
             parts |= {"ancillary": tube.gains, "reserve": tube.reserve}
             free = tube.bounds
             spread[:-1], spread[-1] = tube.hitch, tube.hitch[-1]
@@ -258,12 +261,12 @@ def articulated_controller(
             parts |= {"faces": faces, "half_widths": width.reshape(rows.shape[:2])}
     if reference.corridor and options.corridor:
         first = math.ceil(_RESPONSE_S / period_s - _ROUNDING)
-        soft = corridor_bounds(reference.corridor, course.grid, c, first, options.horizon)
+        soft = corridor_bounds(reference.corridor, grid, c, first, options.horizon)
         if reference.corridor.hitch_limit is not None:
-            reference.corridor.require_hitch(course.grid.hitch_angle)
+            reference.corridor.require_hitch(grid.hitch_angle)
             limit = min(limit, reference.corridor.hitch_limit)
     front = options.input_bound[Input.DELTA_T]
-    hitch = hitch_bounds(course.grid, course.vehicle, limit, spread, front, a, period_s)
+    hitch = hitch_bounds(grid, course.vehicle, limit, spread, front, a, period_s)
     soft = hitch.beside(soft)
     entry = damped(a, c, period_s, options.damping_s)
     entry[:, 1] *= _TRACTOR if vehicle.reverse else 1.0
@@ -271,8 +274,9 @@ def articulated_controller(
     a, b = a[:, : len(State)].copy(), b[:, : len(State)].copy()
     horizon = CondensedHorizon(a, b, options, period_s, c, bounds, free, soft, entry)
     del a, b, c, entry
-    law = law_of(kind, course.grid.state, course.feedforward, course.vehicle, **parts)
-    return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid)))
+    of_course = course.grid.state, course.feedforward, course.vehicle
+    law = law_of(kind, *of_course, len(feedforward), **parts)
+    return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid), lap))
 
 
 def tube_controller(
@@ -307,6 +311,7 @@ def tube_controller(
         course.grid.state,
         along.feedforward,
         course.vehicle,
+        len(along.feedforward),
         disturbances=1.0,
         gains=gains,
         faces=np.concatenate([rows, gains], axis=1) / widths[..., None],  # (T, 12, 7)

@@ -42,8 +42,8 @@ class PredictedPath(Shared):
     def under(self, k: int, work: Work, outputs: FloatArray) -> FloatArray:
         """Return the path of tick `k` under its plan, (Np, 4) [m], map frame.
 
-        `work` has response and steps; `outputs` C (N + 1, 4, n) lead to position errors as in
-        `less`.
+        `work` has response and steps; `outputs` C (Np, 4, n) of the ticks after `k` lead to
+        position errors as in `less`.
         """
         path = np.empty((len(work.response), 4))
         write_path(k, work, outputs, self._to_map, self._reference, path)
@@ -77,7 +77,7 @@ def write_path(
             for i in range(steps.size):
                 z += response[j, n, i] * steps[i]
             for p in range(4):
-                error[p] += outputs[k + 1 + j, p, n] * z
+                error[p] += outputs[j, p, n] * z
         for p in range(4):
             path[j, p] = reference[k + 1 + j, p]
             for q in range(4):
@@ -297,13 +297,13 @@ def hitch_bounds(
     Where the reference itself comes closer than 3 deg to the bound, the bound gives way to that
     distance.
     """
-    angle, largest = grid.hitch_angle[:, None], np.array([math.sin(limit)])
+    state, largest = grid.state[: len(a) + 1], np.array([math.sin(limit)])
+    angle = grid.hitch_angle[: len(state), None]
     rows = np.zeros((len(angle), 2 if vehicle.reverse else 1, _SIZE))
     rows[:, :, :_N] = HITCH
     if vehicle.reverse:
         rows[:, 1, State.DELTA_I] = 0.0
-        turned = grid.state[:, State.PSI_T] - grid.state[:, State.PSI_I]
-        angle = np.stack([grid.hitch_angle, turned], axis=1)
+        angle = np.column_stack([angle, state[:, State.PSI_T] - state[:, State.PSI_I]])
         held = _HELD_SHARE * held_lambda(vehicle, delta_t)
         largest = np.array([math.sin(limit), min(limit, held)])
         rows = damped(a, rows, period_s, _TURNS_BACK_S, slice(2))

@@ -170,12 +170,8 @@ def condense(k: int, stages: Stages, work: Work) -> bool:
     Column i of the response is that to a step of the input i mod m at stage i / m, which lasts.
     """
     horizon, r, size = work.response.shape
-    model, outputs, weights, costs = (
-        stages.model,
-        stages.outputs,
-        stages.output_weight,
-        stages.step_weight,
-    )
+    model, outputs = stages.model, stages.outputs
+    weights, costs = stages.output_weight, stages.step_weight
     if work.entering[0] != 0.0:
         outputs = stages.damped
     response, hessian, row, m = work.response, work.hessian, np.empty(size), costs.size
@@ -227,12 +223,8 @@ def pose(k: int, stages: Stages, work: Work) -> None:
     first: the QP is infeasible there.
     """
     horizon, r, size = work.response.shape
-    model, outputs, limits, weights = (
-        stages.model,
-        stages.outputs,
-        stages.limits,
-        stages.output_weight,
-    )
+    model, outputs = stages.model, stages.outputs
+    limits, weights = stages.limits, stages.output_weight
     if work.entering[0] != 0.0:
         outputs = stages.damped
     given, free, gradient, left = work.given, work.free, work.gradient, work.limits

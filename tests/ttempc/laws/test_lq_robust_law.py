@@ -57,6 +57,7 @@ class RobustPart:
             np.zeros((TICKS, 7)),
             np.zeros((TICKS, 3)),
             Vehicle(),
+            TICKS,
             gains=robust_gains(a, b, c, tuning.input_weight) / np.array(tuning.saturation)[:, None],
             limit=np.array(tuning.saturation),
             forgetting=math.exp(-PERIOD_S / tuning.memory_s),
