@@ -194,10 +194,6 @@ def report_tube(
     return gauge
 
 
-_DELTA, _V = int(State.DELTA_T), int(State.V)
-_TIMED: Final = 0.1, 0.2  # speed error over the speed, up to which all, and from which no time; set
-
-
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def propose(
     k: int,
@@ -218,18 +214,7 @@ def propose(
     s, t, constants = record(memory, MEMORY), record(tick, TICK), record(law.constants, LAW)
     modelling, tube, action, previous = t.tracking, t.tube, s.action, s.previous
     at, wheelbase, tau = k + int(s.beyond), constants.wheelbase, constants.time_constant
-    reference = law.course[at]
-    write_error(reference, estimate, wheelbase, tau, given)
-    # Far below the planned speed the model, linear at that speed, would expect both bodies to turn
-    # late, and steer against it: there the vehicle follows the path without a time.
-    slow = abs(given[_V]) / max(abs(reference[_V]), 1e-9)
-    late = min(max((slow - _TIMED[0]) / (_TIMED[1] - _TIMED[0]), 0.0), 1.0)
-    if late > 0.0:
-        turn = late * given[0] * math.tan(reference[_DELTA]) / wheelbase
-        given[2] -= turn
-        given[3] -= turn
-        given[0] *= 1.0 - late
-        given[_V] *= 1.0 - late
+    write_error(law.course[at], estimate, wheelbase, tau, given)
     for i in range(_N, 16):
         given[i] *= constants.disturbances
     for i in range(4):
