@@ -1,0 +1,665 @@
+"""Attacks by class, each in a process of its own, and a table of their counts.
+
+    python -m tests.attacks [CLASS[=N] ...]
+
+N drives as many attacks of a class, drawn with a fixed seed, instead of all. An attack has failed
+where an exception escapes, a refusal is not one line with exit code 2, code runs that nobody
+trusted, memory or time has no bound, or a result is not that of a run left alone.
+"""
+
+import contextlib
+import copy
+import io
+import json
+import math
+import os
+import random
+import resource
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import count, permutations, product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gymnasium.error import Error
+from proving_ground.experiments.commands.cli import main as ttempc
+from proving_ground.experiments.errors import ExperimentError
+from proving_ground.experiments.gym_env.environment import FieldTrial
+from proving_ground.experiments.papers.tables import markdown
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol, frame
+from proving_ground.experiments.serve.session import SessionSettings
+from proving_ground.experiments.sweep.results import rows
+from proving_ground.testbed.errors import TestbedError
+from proving_ground.testbed.log.model_whitelist import check_model
+from proving_ground.testbed.log.reader import message_class, read_content, row_fields
+from proving_ground.testbed.log.writer import begin_log
+from proving_ground.testbed.recording import channels as ch
+
+from tests.experiments.serve import test_session
+from tests.experiments.serve.test_agopengps import steering_frame
+from ttempc import Guidance, Measurement, Sensor, Vehicle, figure_eight
+from ttempc.errors import TtempcError
+
+CARD = Path(__file__).parents[1] / "docs" / "field-trials" / "pid.json"
+STRAIGHT = "kind = 'straight'\nlength_m = 2.0\n"  # keys of a table of the path
+LIMIT_S, LIMIT_BYTES, MOST_LAP_MB = 300.0, 8 * 2**30, 2.0
+COMMANDS = "delta_t_rad_command", "delta_i_rad_command", "hp_command"
+NUMBERS = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -1.0, 1e9)
+NONSENSE = (None, "", "a", "nan", b"x", 10**400, *NUMBERS, 1j, True, (), [1.0], {}, object())
+NONSENSE += np.float32(3.0), np.array(3.0), np.zeros(3), np.zeros((3, 1)), np.array(["a"])
+
+
+def command(*words, codes=(2,), writes=False):
+    """Fail where a call of the command line does; a refused one writes nothing."""
+    said = io.StringIO()
+    out = Path(words[words.index("-o") + 1]) if "-o" in words else Path("/")
+    before = out.exists()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        try:
+            code = ttempc([*map(str, words)])
+        except SystemExit as end:  # argparse's way out
+            code = end.code
+    wrong = code not in codes or (code == 2 and said.getvalue().count("\n") != 1)
+    wrong |= code == 2 and not writes and out.exists() != before
+    assert not wrong, f"{words}: exit code {code}, {said.getvalue()[:300]!r}"
+
+
+def isolated(attack, limit_s=LIMIT_S, delay_s=0.0):
+    """Return how an attack failed in a forked process, which is killed after the limit."""
+    inlet, outlet = os.pipe()
+    if not (child := os.fork()):
+        try:
+            resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
+            time.sleep(delay_s)
+            failure = attack() or "-"
+        except BaseException as error:
+            failure = f"{type(error).__name__}: {error} of {attack}"
+        os.write(outlet, failure.encode()[:4000])
+        os._exit(0)
+    os.close(outlet)
+    ready, _, _ = select.select([inlet], [], [], limit_s)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    failure = os.read(inlet, 4000).decode(errors="replace") or "died" if ready else "no end"
+    os.close(inlet)
+    return failure.removeprefix("-")
+
+
+def each(attack, *choices):
+    """Yield an attack for each combination of choices."""
+    yield from (partial(attack, *case) for case in product(*choices))
+
+
+def short(folder, text=""):
+    file = folder / f"short{len([*folder.iterdir()])}.toml"
+    file.write_text(f"[path]\n{STRAIGHT}{text}")
+    return file
+
+
+def study(folder, text="seeds = [1, 2, 3, 4, 5, 6]\n"):
+    file = folder / "study.toml"
+    file.write_text(f"scenario = 'pavement'\n{text}[set.path]\n{STRAIGHT}")
+    return "sweep", file, "-q"
+
+
+def row_bits(place):
+    made = sorted(rows(place / "results.jsonl"), key=lambda row: str(row["run"]))
+    cost = "wall_s", "timing.", "attempts"
+    return [json.dumps({k: row[k] for k in row if not k.startswith(cost)}) for row in made]
+
+
+def samples(folder):
+    """A time, a sample or a part of one that is none, at the seventh of 12 ticks."""
+
+    def good(t):
+        places = [(Sensor.GNSS_TRACTOR, (t, 0.0)), (Sensor.GNSS_TRAILER, (t - 5.0, 0.0))]
+        angles = Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH
+        values = [*places, (Sensor.ENCODER, (1.0,)), *((angle, (0.0,)) for angle in angles)]
+        return [Measurement(t, sensor, value) for sensor, value in values]
+
+    parts = {
+        "time": lambda wrong, t: good(t),
+        "stamp": lambda wrong, t: [Measurement(wrong, Sensor.HITCH, (0.0,))],
+        "sensor": lambda wrong, t: [Measurement(t, wrong, (0.0,))],
+        "value": lambda wrong, t: [Measurement(t, Sensor.HITCH, wrong)],
+        "entry": lambda wrong, t: [Measurement(t, Sensor.GNSS_TRACTOR, (t, wrong))],
+        "status": lambda wrong, t: [Measurement(t, Sensor.GNSS_TRACTOR, (t, 0.0), wrong)],
+        "swapped": lambda wrong, t: [Measurement(wrong, t, (0.0,))],
+        "sample": lambda wrong, t: [wrong],
+        "samples": lambda wrong, t: wrong,
+    }
+
+    def drive(made, part, wrong):
+        guidance = copy.deepcopy(made)
+        for k in range(12):
+            now = 0.2 * k
+            with contextlib.suppress(*((TtempcError,) if k == 6 else ())):
+                if k == 6:
+                    guidance.update(wrong if part == "time" else now, parts[part](wrong, now))
+                elif k < 6 or part != "time":  # a time that was taken is that of the clock
+                    guidance.update(now, good(now))
+                assert np.isfinite(guidance.step().as_array()).all(), (part, wrong)
+
+    for name in ("ttempc", "pid"):
+        made = Guidance(Vehicle(), figure_eight(), controller=name, learn=False)
+        yield from each(drive, [made], parts, NONSENSE)
+
+
+def gym(folder):
+    """An argument, seed, option or action of the environment; environments beside each other."""
+    path = "path={kind='straight', length_m=3}", "controller.name='pid'"
+
+    def refused(call, *errors):
+        try:
+            return call()
+        except (ExperimentError, TestbedError, TtempcError, Error, *errors) as error:
+            if "\n" in str(error):
+                raise
+            return None
+
+    def settings(key, wrong):
+        refused(lambda: FieldTrial(**{"scenario": "pavement", "overrides": path, key: wrong}))
+
+    def seen(environment, seed=3):
+        draw = np.random.default_rng(seed)
+        yield environment.reset(seed=seed)[0].tobytes()
+        for _ in range(9):
+            yield environment.step(draw.uniform(-0.5, 0.5, 3))[0].tobytes()
+
+    def resets(wrong):
+        with pytest.raises(Error):  # before the start
+            (environment := FieldTrial("pavement", path)).step(np.zeros(3))
+        for words in ({"seed": wrong}, {"seed": 1, "options": wrong}):
+            answer = refused(partial(environment.reset, **words))
+            assert answer is None or np.isfinite(answer[0]).all()
+        assert [*seen(environment)] == [*seen(FieldTrial("pavement", path))]
+
+    def actions(mode, wrong, periods):
+        environment, other = (FieldTrial("pavement", path, **mode) for _ in range(2))
+        environment.reset(seed=5)
+        for _ in range(periods):
+            if (answer := refused(lambda: environment.step(wrong), ValueError)) is not None:
+                assert np.isfinite(answer[0]).all() and math.isfinite(answer[1])  # noqa: PT018
+                assert environment.observation_space.contains(answer[0])
+                if answer[2] or answer[3]:
+                    with pytest.raises(Error):
+                        environment.step(np.zeros(3))
+                    break
+        assert [*seen(environment)] == [*seen(other)]
+
+    def beside(number, in_threads):
+        made, seeds = [FieldTrial("grass", path) for _ in range(number)], range(3, 3 + number)
+        alone = [[*seen(FieldTrial("grass", path), seed)] for seed in seeds]
+        with ThreadPoolExecutor(number) as pool:
+            if in_threads:
+                assert [*pool.map(lambda *one: [*seen(*one)], made, seeds)] == alone
+            else:  # a step of each in turn
+                assert [*zip(*map(seen, made, seeds), strict=True)] == [*zip(*alone, strict=True)]
+
+    keys = "scenario", "overrides", "action", "normalised", "residual_share", "trust", "render_mode"
+    yield from each(settings, keys, NONSENSE)
+    lines = "x", "x=1", "path.laps=1e999", "controller.name='os:system'", "path={kind='no'}"
+    yield from each(settings, ["overrides"], [[line] for line in lines])
+    more = 2**32, 2**32 - 1, -(2**40), 1.5, np.int64(3), np.uint32(4), np.bool_(True), -0.0
+    yield from each(resets, (*NONSENSE, *more))
+    own = [np.full(3, value) for value in (*NUMBERS, 1.0)] + [np.zeros(2), np.zeros(4), ["a"] * 3]
+    own += [[None] * 3, [1, 2, 10**400], np.zeros(3, complex), np.ones(3, bool), [[1], [2], [3]]]
+    yield from each(actions, [{}], NONSENSE, [3])
+    yield from each(actions, ({}, {"normalised": False}, {"action": "residual"}), own, [400])
+    yield from each(beside, (2, 4, 6), (False, True))
+
+
+def options(folder):
+    """A word or number of `search` and `serve`, a controller, file of seeds or card of `bench`."""
+    at, out = short(folder), ("-o", folder / "out")
+    words = """= == x x=1 x=1:2 path=0:1 .=0:1 path.kind=1:2 seeds=1:2 controller=0:1
+        stages.make=0:1 faults.gust.force_n=1:2 path.laps=1:2.5 slope:free plant.vehicle.file=0:1
+        scenario=0:1 path.length_m=1e9:1e10 path.speed_mps= path.speed_mps=1 path.speed_mps=2:1
+        path.speed_mps=nan:1 path.speed_mps=1:inf path.speed_mps=1:1e999 path.speed_mps=1:2:3
+        path.speed_mps=-1e308:1e308"""
+    quantities = *words.split(), "", "\0=0:1", "a" * 9999
+    for action, word in product(("limit", "rays"), quantities):
+        yield partial(command, "search", action, at, word, *out, "--workers", 0)
+    texts = "-1", "x", "nan", "inf", "1e999", "", "9" * 400
+    for words, values in (
+        (("search", "limit", at, "slope", "--seeds"), ("0", "1001", *texts)),
+        (("search", "limit", at, "slope", "--workers"), ("1001", *texts)),
+        (("search", "rays", at, "slope", "--rays"), ("0", "10001", *texts)),
+        (("search", "limit", at, "slope", "--limit"), ("0", "1e7", *texts)),
+        *((("serve", at, "--port", 0, f"--{one}"), ("0", "1e-300", "1e300", *texts))
+          for one in ("wait", "hold", "speed")),
+        (("bench", "--quick"), ("", "nobody", "a:b", "pid:", ":", "json:no")),
+    ):  # fmt: skip
+        yield from (partial(command, *words, value, *out) for value in values)
+    for where in ("nope", folder, "/dev/null", "/dev/zero/x"):
+        yield partial(command, "search", "limit", where, "slope", *out)
+    files = b"", b"x", b"1 1", b"-1", b"1e3", b"9" * 20, b"\xff" * 99, b"1\0", b"0 " * 2000, b"[]"
+    for k, data in enumerate((*files, *(CARD.read_bytes()[:n] for n in range(40, 4000, 200)))):
+        (file := folder / f"{k}.txt").write_bytes(data)
+        yield partial(command, "bench", "pid", "--seeds-file", file, *out)
+        yield partial(command, "bench", "--compare", CARD, file)
+    for k in range(60):
+        draw, table = random.Random(k), json.loads(CARD.read_text())
+        place = table
+        while isinstance(place[key := draw.choice([*place])], dict) and place[key]:
+            place = place[key]
+        place[key] = draw.choice((None, -1, math.nan, 1e999, "x", [], {}, [[]], 10**30, True))
+        (file := folder / f"card{k}.json").write_text(json.dumps(table))
+        yield partial(command, "bench", "--compare", CARD, file, codes=(0, 2))
+
+    def twice(words):
+        first, second = (folder / f"{words[0]}{k}.json" for k in (1, 2))
+        search = "search", "limit", at, *words, "--seeds", 1, "--workers", 0, "-o"
+        for file in (first, second):
+            command(*search, file, codes=(0,))
+        text = first.read_text()
+        command(*search, first)  # and it stays as it is
+        assert text == first.read_text() == second.read_text()
+        assert "NaN" not in text
+
+    yield from each(twice, (("slope",), ("delay", "--controller", "pid"), ("path.length_m=1:3",)))
+
+
+def maps(folder):
+    """A file of heights or of soil strength: none, of wrong shape, NaN, huge, one to sink in."""
+    head = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (%s), }"
+    wrong = [b"", b"x", b"1 2\n3", b"1,,2", b"\xff" * 99, b"1e999 1\n1 1", b"\x93NUMPY", b"1 2\n"]
+    wrong += [head % size for size in (b"99999, 99999", b"-1, 4", b"(" * 99, b"0, 2**62")]
+    wrong += [b"1 " * 9 + b"\n" + b"nan " * 9, b"1;2\n3;4", b"\0", b"1 2\r3 4\x0c5"]
+    wrong += [b"# all of it\n", b"0x10 1\n1 1", b"1_0 1 1\n1 1"]
+    wrong += [np.zeros(shape) for shape in ((0, 0), (1, 1), (3,), (2, 2, 2), (1, 9), (9, 1))]
+    wrong += [np.full((9, 9), value) for value in (math.nan, math.inf, -math.inf)]
+    wrong += [np.array([["a"] * 9] * 9), np.array([[None] * 9] * 9, object), np.eye(9) * 1j]
+    wide = [np.full((200, 200), value) for value in (0.0, 1e300, -1e300, -5.0, 1e4, 5e-324)]
+    wide += [np.random.default_rng(1).normal(0.0, size, (200, 200)) for size in (3.0, 1e3, 1e150)]
+    wide += [np.tile([0.0, 20.0], (200, 100)), np.zeros((200, 200), np.int8), np.ones((30, 900))]
+    wide += [np.asfortranarray(np.ones((200, 200))), np.ones((200, 200), ">f4")]
+    kinds = "terrain={{height_map='{}',spacing_m={}}}", "soil.map={{file='{}',spacing_m={}}}"
+    at, out = short(folder), ("-o", folder / "out")
+    for (k, data), ending in product(enumerate((*wrong, *wide)), (".npy", ".csv")):
+        file = folder / f"{k}{ending}"
+        if isinstance(data, bytes):
+            file.write_bytes(data)
+        elif ending == ".npy":
+            np.save(file, data, allow_pickle=True)
+        elif data.dtype.kind in "fi" and data.ndim < 3:
+            np.savetxt(file, data)
+        else:
+            continue
+        codes = (2,) if k < len(wrong) else (0, 1, 2, 3)
+        for n, key in enumerate(kinds):
+            words = "-q", "--set", key.format(file, 0.5), "-o", folder / f"{k}{ending}{n}"
+            yield partial(command, "run", at, *words, codes=codes)
+    flat, spacings = folder / f"{len(wrong)}.npy", "nan inf -1 0 1e-300 1e300 'x' []"
+    odd = folder, "/dev/zero", "/dev/null", "no/such", "a\\u0000b", "x" * 5000, "http://a/b.npy"
+    cases = [*product([flat], spacings.split()), *product(odd, [0.5])]
+    for case, key in product(cases, kinds):
+        yield partial(command, "run", at, "--set", key.format(*case), *out)
+
+
+def logs(folder):
+    """The log of a lap with other values, rows, times, bits, attachments: fit, replay, check."""
+    words = "run", "grass", "--set", "path.laps=1", "--seed", 9921, "-q", "-o"
+    isolated(partial(command, *words, folder / "run", codes=(0,)))
+    whole = (folder / "run" / "log.mcap").read_bytes()
+    content = read_content(folder / "run" / "log.mcap")
+    fuzzed = ch.MEASUREMENT, ch.ESTIMATE, ch.CONTROL, ch.REFERENCE, ch.STATE
+    kinds = {kind.topic: kind for kind in fuzzed}
+
+    def write(file, attachments=(), change=lambda topic, data: data):
+        with file.open("wb") as stream:
+            made = {**content.attachments, **dict(attachments)}
+            log, numbers = begin_log(stream, content.metadata, made, content.topics.values())
+            for topic, number in numbers.items():
+                known = content.messages.get(topic, [])
+                for k, one in enumerate(change(topic, [message.data for message in known])):
+                    stamp = known[min(k, len(known) - 1)].log_time
+                    log.add(number, np.array([stamp]), np.frombuffer(one, np.uint8)[None])
+            log.finish()
+
+    def read(file, check=(0, 1, 2)):
+        begun, out = time.process_time(), file.with_suffix(".json")
+        command("fit", "tube", file, file, file, "-o", out, codes=(0, 1, 2))
+        command("log", "replay", file, codes=(0, 1, 2))
+        command("log", "check", file, codes=check)
+        assert not out.exists() or "NaN" not in out.read_text(), "NaN in the tube"
+        assert time.process_time() < begun + 60.0
+
+    def fuzz(kind, seed):
+        draw, numbers = random.Random(seed), np.random.default_rng(seed)
+        at, file = draw.choice([*kinds]), folder / f"{kind}{seed}.mcap"
+        message, names = message_class(kinds[at]), row_fields(kinds[at])
+
+        def change(topic, data):
+            if topic != at:
+                return data
+            found = map(message.FromString, data)
+            rows = np.array([[getattr(one, name) for name in names] for one in found])
+            (n, width), odd = rows.shape, draw.choice(NUMBERS)
+            t, body, line, column = rows[:, :1], rows[:, 1:], *np.indices(rows.shape)
+            noise = draw.choice((0.1, 1e6, 1e300)) * numbers.normal(size=body.shape)
+            few = numbers.random(rows.shape) < draw.choice((1e-3, 0.1))
+            rows = {
+                "column": np.where(column == draw.randrange(width), odd, rows),
+                "cells": np.where(few, odd, rows),
+                "rest": np.where(line >= draw.randrange(n), odd, rows),
+                "noise": np.hstack([t, body + noise]),
+                "scale": np.hstack([t, body * draw.choice((0.0, -1.0, 1e6, 1e-9, 1e300))]),
+                "times": np.hstack([draw.choice((0 * t, 1e12 * t, -t, t[::-1], t + 1e18)), body]),
+                "shuffle": numbers.permutation(rows),
+                "same": np.tile(rows[n // 2], (n, 1)),
+                "cut": rows[: draw.choice((0, 1, 2, 10, n // 3))],
+                "thin": rows[:: draw.choice((2, 7, 100))],
+                "back": rows[::-1],
+            }[kind]
+            made = [dict(zip(names, row, strict=True)) for row in rows.tolist()]
+            return [message(**row).SerializeToString() for row in made]
+
+        with np.errstate(all="ignore"):
+            write(file, change=change)
+            read(file)
+
+    def flipped(seed):
+        draw, data = random.Random(seed), bytearray(whole)
+        for _ in range(draw.choice((1, 30, 1000))):
+            data[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
+        end = draw.choice((len(data), draw.randrange(len(data))))
+        (file := folder / f"flip{seed}.mcap").write_bytes(data[:end])
+        read(file, check=(1, 2))
+
+    def damaged(attachments, at, change):
+        file = folder / "damaged.mcap"
+        write(file, attachments, lambda topic, data: change(data) if topic == at else data)
+        read(file, check=(1, 2))
+
+    names = "column", "cells", "rest", "noise", "scale", "times"
+    yield from each(fuzz, (*names, "shuffle", "same", "cut", "thin", "back"), range(6))
+    yield from each(flipped, range(40))
+    texts = b"", b"x = 1", b"\xff\xfe", b"<mujoco><include file='/etc/passwd'/></mujoco>"
+    others = [{name: text} for name, text in product(content.attachments, texts)]
+    yield from each(damaged, others, [None], [None])
+    changes = [lambda data: [], lambda data: data[:3], lambda data: data[::2]]
+    changes += [lambda data: [b""] * len(data), lambda data: [b"\xff\x01"] * len(data)]
+    topics = "/tf", "/state", "/reference", "/control", "/estimate"
+    yield from each(damaged, [{}], topics, changes)
+
+
+def models(folder):
+    """A model in a log that asks for gigabytes, files or minutes."""
+
+    def refused(inside):
+        with pytest.raises(ValueError):  # noqa: PT011 - what else escapes is no refusal
+            check_model(f"<mujoco>{inside}</mujoco>")
+
+    yield from each(refused, (
+        '<texture builtin="flat" width="4096" height="4096"/>' * 300,
+        '<texture type="cube" builtin="flat" width="2048" height="2048"/>' * 100,
+        '<texture gridsize="9999 9999" width="4096" height="4096"/>' * 9,
+        '<hfield nrow="4000" ncol="4000" size="1 1 1 1"/>' * 300, '<hfield file="x.png"/>',
+        "<geom/>" * 40_000, "<key/>" * 100_000, "<site/>" * 100_000,
+        "<body><joint/><geom/></body>" * 10_000, "<body>" * 40 + "</body>" * 40,
+        '<mesh file="/dev/zero"/>', '<include file="/etc/passwd"/>',
+        '<composite type="cable" count="100000 1 1"/>',
+        '<flexcomp type="grid" count="999 999 9"/>', '<size nuserdata="2000000000"/>',
+    ))  # fmt: skip
+
+
+def trust(folder):
+    """A scenario or study that names code in this folder, without `--trust`: it does not run."""
+    (folder / "evil.py").write_text("from pathlib import Path\nPath('MARK').touch()\nmake = None")
+    out, alone = ("-o", folder / "out"), ("--workers", 0)
+
+    def untouched(*words):
+        os.chdir(folder)
+        sys.path.insert(0, str(folder))
+        command(*words)
+        assert not Path("MARK").exists(), "imported"
+
+    stage, name = "[[stages]]\nmake = 'evil:make'\nafter = ", "[controller]\nname = "
+    parts = [f"{stage}'{one}'\n" for one in ("sense", "estimate", "control", "advance", "nope")]
+    parts += [f"{stage}'control'\n{stage}'advance'\n", f"{stage}'sense'\noptions = {{a = 1}}\n"]
+    parts += [f"{name}'evil:make'\n", f"{name}'os:system'\n", f"{name}''' evil:make'''\n"]
+    parts += [f"{name}'''evil:make\nx'''\n", f'{name}"evil:make\\u0000"\n']
+    parts += ["[controller]\nestimator = 'evil:make'\n"]
+    axis = "[[axis]]\nkind = 'list'\nkey = '{}'\nvalues = ['{}', '{}']\n"
+    plain = "scenario = 'pavement'\n"
+    for text in parts:
+        scenario = short(folder, text)
+        for word in ("run", "serve", "validate", "mjcf"):
+            yield partial(untouched, word, scenario, *out)
+        for action in ("rays", "limit"):
+            yield partial(untouched, "search", action, scenario, "slope", *out, *alone)
+        inside = text.replace("[controller]", "[set.controller]").replace(
+            "[stages]", "[set.stages]"
+        )
+        named = axis.format("scenario", "pavement", scenario)
+        for k, lines in enumerate(
+            (f"scenario = '{scenario}'\n", f"{plain}{named}", plain + inside)
+        ):
+            (file := scenario.with_name(f"{scenario.stem}-{k}.toml")).write_text(lines)
+            for more in (alone, ("--dry-run",)):
+                yield partial(untouched, "sweep", file, *out, *more)
+    keys = "controller controller.estimator controller.name stages stages.make stages.0.make"
+    codes, skips = ("evil:make", "os:system"), ("", "skip_refused = true\n")
+    for key, code, more in product(keys.split(), codes, skips):
+        file = folder / f"axis{len([*folder.iterdir()])}.toml"
+        file.write_text(f"{plain}{more}{axis.format(key, 'ttempc', code)}")
+        yield partial(untouched, "sweep", file, *out, *alone)
+
+
+def kills(folder):
+    """A sweep of six runs killed at a random moment, with and without logs, and continued."""
+
+    def killed(words, alone, after_s):
+        out = alone.parent / f"killed{after_s}"
+        isolated(partial(command, *words, out, codes=(0,)), after_s)
+        command(*words, out, codes=(0,))
+        names = [sorted(file.name for file in (one / "logs").glob("*")) for one in (out, alone)]
+        assert (names[0], row_bits(out)) == (names[1], row_bits(alone)), after_s
+        for name in names[0]:
+            command("log", "check", out / "logs" / name, codes=(0,))
+
+    for number, workers, keep in ((100, 0, ""), (40, 0, "keep = 'all'\n"), (20, 2, "")):
+        (place := folder / str(number)).mkdir()
+        words = *study(place, f"seeds = [1, 2, 3, 4, 5, 6]\n{keep}"), "--workers", workers, "-o"
+        for name in ("first", "alone"):  # the first loads what all others need
+            begun = time.monotonic()
+            command(*words, place / name, codes=(0,))
+        takes_s = time.monotonic() - begun
+        moments = [random.Random(seed).uniform(0.0, takes_s) for seed in range(number)]
+        yield from each(killed, [words], [place / "alone"], moments)
+
+
+def crowds(folder):
+    """Runs and sweeps into one folder at once: one is made, the others are refused."""
+    one = "run", short(folder), "-q"
+    many = *study(folder, "seeds = [1, 2]\nkeep = 'all'\n"), "--workers", 0
+    command(*many, "-o", folder / "alone", codes=(0,))
+
+    def together(kinds, place, delays):
+        attacks = [partial(command, *words, "-o", place, codes=(0,)) for words in kinds]
+        with ThreadPoolExecutor(len(kinds)) as pool:
+            said = [*pool.map(isolated, attacks, [LIMIT_S] * len(kinds), delays)]
+        made, rest = said.count(""), "".join(said)
+        refused = rest.count("exit code 2") == rest.count("\\n") == len(said) - made
+        assert refused, said
+        assert made == 1 or (made > 1 and one not in kinds), said
+        if (place / "results.jsonl").exists():
+            assert row_bits(place) == row_bits(folder / "alone")
+        else:
+            command("log", "check", place, codes=(0,))
+
+    for k, kinds in enumerate(((one,) * 2, (one,) * 3, (one, many), (many,) * 2, (many,) * 3) * 6):
+        draw = random.Random(k)
+        delays = [draw.choice((0.0, draw.uniform(0.0, 1.0))) for _ in kinds]
+        yield partial(together, kinds, folder / f"out{k}", delays)
+
+
+def dask(folder):
+    """A scheduler that is killed or ended in a sweep, with its worker, and returns in it or after.
+
+    The sweep ends with its rows or is refused in a line; continued, its rows are all there.
+    """
+
+    def dies(number, how, wanted, worker_too):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = str(free.getsockname()[1])
+        here, place = f"tcp://127.0.0.1:{port}", folder / str(number)
+        words, made = (*study(folder), "--dask", here, "-o", place), place / "results.jsonl"
+        scheduler = "scheduler", "--host", "127.0.0.1", "--port", port
+        worker = "worker", here, "--nthreads", "1", "--no-nanny"
+
+        def start(stack, kind, *rest):
+            line = sys.executable, "-m", f"distributed.cli.dask_{kind}", *rest, "--no-dashboard"
+            process = stack.enter_context(subprocess.Popen(line, stderr=subprocess.DEVNULL))
+            stack.callback(process.kill)
+            time.sleep(3.0)
+            return process
+
+        with contextlib.ExitStack() as stack, ThreadPoolExecutor(1) as pool:
+            head, hand = start(stack, *scheduler), start(stack, *worker)
+            said = pool.submit(isolated, partial(command, *words, codes=(0, 2), writes=True))
+            while not said.done() and not (made.exists() and len([*rows(made)]) >= wanted):
+                time.sleep(0.02)
+            head.send_signal(signal.SIGTERM if how == "ended" else signal.SIGKILL)
+            head.wait()
+            if worker_too:
+                hand.kill()
+            if how == "returns":
+                start(stack, *scheduler)
+            assert not said.result(), said.result()
+        with contextlib.ExitStack() as stack:
+            start(stack, *scheduler), start(stack, *worker)
+            command(*words, codes=(0,))
+        assert row_bits(place) == row_bits(folder / "alone")
+
+    command(*study(folder), "--workers", 0, "-o", folder / "alone", codes=(0,))
+    cases = product(("killed", "ended", "returns"), (0, 2, 5), (False, True))
+    yield from (partial(dies, k, *case) for k, case in enumerate(cases))
+
+
+def peers(folder):
+    """Strangers beside AgOpenGPS, and frames of the peer itself that are none or steer nowhere."""
+    off = steering_frame(0.0, False)
+
+    def driven(beside=None, change=lambda k, made: made, **pace):
+        line, ticks = test_session.AgOpenGps(0.1), count()
+        return test_session.drive(
+            lambda datagram: change(next(ticks), line(datagram)), AgOpenGpsProtocol(), first=(off,),
+            beside=beside, settings=SessionSettings(wait_s=5.0, **pace or {"lockstep": True}),
+        )  # fmt: skip
+
+    def squatted(payloads, sockets, again):
+        @contextlib.contextmanager
+        def beside(address):
+            others = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(sockets)]
+            for other, payload in product(others, payloads * again):
+                other.sendto(payload, address)
+            yield others
+
+        _, outcome, *_ = driven(beside)
+        assert outcome.status == "completed", (payloads[0][:9], outcome)
+
+    def own(payload, every, endings, **pace):
+        mixed = lambda k, made: [payload] * (k % every == 0) + made  # noqa: E731
+        record, outcome, *_ = driven(change=mixed, **pace)
+        assert np.isfinite(record[ch.CONTROL].columns(*COMMANDS)).all()
+        assert outcome.status in endings, (payload[:16], outcome)
+
+    def lets_go(after):
+        _, outcome, *_ = driven(change=lambda k, made: made if k < after else [off])
+        assert outcome.status == "invalid", outcome
+
+    frames = [b"", b"\x80", b"\x80\x81", b"x" * 60_000, b"\x80\x81\x7f\xfe\xff" + bytes(9)]
+    for number in (123, 200, 202, 253, 214, 254):
+        frames += frame(0x7F, number, b""), frame(0x7B, number, bytes(8))
+    frames += off[:-1], off, test_session.HELLO
+    for one in frames:
+        yield partial(squatted, [one], 1, 1)
+        yield partial(squatted, [one], 12, 3)
+        yield partial(own, one, 1, ("completed",))
+    yield partial(squatted, frames[:-1], 30, 30)
+    locks = [steering_frame(angle, True) for angle in (-327.0, 327.0, 90.0, -90.0)]
+    steered = partial(own, speed=8.0)  # on the clock, since the first frame starts the run
+    yield from each(steered, locks, (7, 1), [("completed", "stopped", "lost")])
+    yield from each(lets_go, (12, 20, 40))
+
+
+def threads(folder):
+    """Guidances or simulations in threads: they have the same bits as alone."""
+
+    def commands(controller):
+        keys = "path={kind='straight', length_m=6.0}", f"controller.name='{controller}'"
+        return simulate(*load("pavement", keys), 1)[1][ch.CONTROL].values.tobytes()
+
+    def guided(name):
+        guidance, made = Guidance(Vehicle(), figure_eight(), controller=name, learn=False), []
+        for k in range(100):
+            t, noise = 0.2 * k, 0.02 * math.sin(k * k)
+            values = (Sensor.GNSS_TRACTOR, (t, noise)), (Sensor.ENCODER, (1.0,))
+            guidance.update(t, [Measurement(t, *value) for value in values])
+            made.append(guidance.step().as_array().tobytes())
+        return made
+
+    def beside(drive, names):
+        with ThreadPoolExecutor(len(names)) as pool:
+            made = list(pool.map(drive, names))
+        assert made == list(map(drive, names)), names
+
+    kinds = "ttempc", "pid", "lqr", "nmpc"
+    yield from each(beside, [commands], permutations(("ttempc", "pid", "lqr", "ttempc-nominal")))
+    yield from each(beside, [guided], [*((kind,) * 6 for kind in kinds), *permutations(kinds)])
+
+
+def memory(folder):
+    """Laps of a run, or runs one after another: the peak of the memory over their number."""
+
+    def peak(laps, runs):
+        for _ in range(runs):
+            simulate(*load("grass", (f"path.laps={laps}",)), 7)
+        return str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+
+    def grows(first, second):
+        less, more = (float(isolated(partial(peak, *runs))) for runs in (first, second))
+        a_lap = (more - less) / (math.prod(second) - math.prod(first))
+        assert a_lap <= MOST_LAP_MB, f"{a_lap:.2f} MB a lap"
+
+    yield partial(grows, (5, 1), (8, 1))
+    yield partial(grows, (1, 5), (1, 8))
+
+
+CLASSES = (samples, gym, options, maps, logs, models, trust, kills, crowds, dask, peers, threads)
+CLASSES += (memory,)
+
+
+def main(words):
+    """Attack and print a table; return 1 where anything failed."""
+    known, lines = {one.__name__: one for one in CLASSES}, []
+    for word in words or known:
+        name, _, number = word.partition("=")
+        begun = time.monotonic()
+        with tempfile.TemporaryDirectory() as place:
+            attacks = [*known[name](Path(place))]
+            if number:
+                attacks = random.Random(1).sample(attacks, min(int(number), len(attacks)))
+            failures = [*map(isolated, attacks)]
+        wrong = [f"{name} {time.monotonic() - begun:.0f} s", *filter(None, failures)]
+        lines.append((name, str(len(failures)), str(len(wrong) - 1)))
+        print(*wrong, sep="\n", file=sys.stderr)
+    print(markdown(("class", "attacks", "failures"), lines))
+    return int(any(failed != "0" for *_, failed in lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
