@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ import pytest
 from tests.reference.models.kinematics import advance
 from tests.ttempc.closed_loop import PERIOD_S, Supervised, drive, seen_truth
 from ttempc.guidance.controllers import make_controller
+from ttempc.laws import articulated_mpc
 from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import (
     corridor_bounds,
@@ -97,6 +98,24 @@ def test_a_constant_disturbance_leaves_no_offset():
     settled = run.after(20.0)
     assert settled.largest_m < 0.03  # slips of both points need more than two steering angles
     assert np.mean([settled.tractor_m, settled.trailer_m]) < 0.01
+
+
+def test_later_laps_share_the_tables_of_the_second_one(monkeypatch):
+    def made(laps):
+        reference = Reference(figure_eight(laps=laps), VEHICLE, ConstantSpeed(1.0))
+        return reference, make_controller("ttempc-nominal", VEHICLE, reference, PERIOD_S)
+
+    (reference, shared), (_, longer) = made(5), made(9)
+    rows = [len(law.feedback.mpc.horizon.stages.outputs) for law in (shared, longer)]
+    assert rows[0] == rows[1]
+    monkeypatch.setattr(articulated_mpc, "_LAPS", 5)
+    _, own = made(5)
+    for k in (300, 1300, 2050, 2700, 3333):
+        off = np.array([0.02, 0.03, 0.02, -0.01, 0.01, 0.0, 0.02])
+        seen = seen_truth(reference.at(k * PERIOD_S).state + off, k * PERIOD_S, VEHICLE)
+        commands = [astuple(law.step(seen, k).command) for law in (own, shared)]
+        # Half a tick turns the tables of a curve by 0.6 deg.
+        np.testing.assert_allclose(*commands, atol=1e-9 if k <= 1300 else 5e-3)
 
 
 LINE = Reference(straight(80.0), VEHICLE, ConstantSpeed(1.0))
