@@ -14,6 +14,7 @@ import json
 import math
 import os
 import random
+import re
 import resource
 import select
 import signal
@@ -47,12 +48,14 @@ from proving_ground.testbed.recording import channels as ch
 
 from tests.experiments.serve import test_session
 from tests.experiments.serve.test_agopengps import steering_frame
+from tests.testbed.log import test_log_integrity
 from ttempc import Guidance, Measurement, Sensor, Vehicle, figure_eight
 from ttempc.errors import TtempcError
 
 CARD = Path(__file__).parents[1] / "docs" / "field-trials" / "pid.json"
 STRAIGHT = "kind = 'straight'\nlength_m = 2.0\n"  # keys of a table of the path
 LIMIT_S, LIMIT_BYTES, MOST_LAP_MB = 300.0, 8 * 2**30, 2.0
+SEEDS = "seeds = [1, 2, 3, 4, 5, 6]\n"
 COMMANDS = "delta_t_rad_command", "delta_i_rad_command", "hp_command"
 NUMBERS = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -1.0, 1e9)
 NONSENSE = (None, "", "a", "nan", b"x", 10**400, *NUMBERS, 1j, True, (), [1.0], {}, object())
@@ -100,16 +103,26 @@ def each(attack, *choices):
     yield from (partial(attack, *case) for case in product(*choices))
 
 
-def short(folder, text=""):
-    file = folder / f"short{len([*folder.iterdir()])}.toml"
-    file.write_text(f"[path]\n{STRAIGHT}{text}")
+def written(folder, data, ending=".toml"):
+    file = folder / f"{len([*folder.iterdir()])}{ending}"
+    file.write_bytes(data if isinstance(data, bytes) else data.encode())
     return file
 
 
-def study(folder, text="seeds = [1, 2, 3, 4, 5, 6]\n"):
-    file = folder / "study.toml"
-    file.write_text(f"scenario = 'pavement'\n{text}[set.path]\n{STRAIGHT}")
-    return "sweep", file, "-q"
+def short(folder, text=""):
+    return written(folder, f"[path]\n{STRAIGHT}{text}")
+
+
+def study(folder, text=SEEDS):
+    text = f"scenario = 'pavement'\n{text}[set.path]\n{STRAIGHT}"
+    return "sweep", written(folder, text), "-q"
+
+
+def same_in_threads(drive, cases):
+    """Fail where drives in threads have other bits than one after another."""
+    with ThreadPoolExecutor(len(cases)) as pool:
+        made = [*pool.map(drive, cases)]
+    assert made == [*map(drive, cases)], cases
 
 
 def row_bits(place):
@@ -122,22 +135,17 @@ def samples(folder):
     """A time, a sample or a part of one that is none, at the seventh of 12 ticks."""
 
     def good(t):
-        places = [(Sensor.GNSS_TRACTOR, (t, 0.0)), (Sensor.GNSS_TRAILER, (t - 5.0, 0.0))]
+        positions = (Sensor.GNSS_TRACTOR, (t, 0.0)), (Sensor.GNSS_TRAILER, (t - 5.0, 0.0))
         angles = Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH
-        values = [*places, (Sensor.ENCODER, (1.0,)), *((angle, (0.0,)) for angle in angles)]
+        values = *positions, (Sensor.ENCODER, (1.0,)), *((angle, (0.0,)) for angle in angles)
         return [Measurement(t, sensor, value) for sensor, value in values]
 
-    parts = {
-        "time": lambda wrong, t: good(t),
-        "stamp": lambda wrong, t: [Measurement(wrong, Sensor.HITCH, (0.0,))],
-        "sensor": lambda wrong, t: [Measurement(t, wrong, (0.0,))],
-        "value": lambda wrong, t: [Measurement(t, Sensor.HITCH, wrong)],
-        "entry": lambda wrong, t: [Measurement(t, Sensor.GNSS_TRACTOR, (t, wrong))],
-        "status": lambda wrong, t: [Measurement(t, Sensor.GNSS_TRACTOR, (t, 0.0), wrong)],
-        "swapped": lambda wrong, t: [Measurement(wrong, t, (0.0,))],
-        "sample": lambda wrong, t: [wrong],
-        "samples": lambda wrong, t: wrong,
-    }
+    def seventh(part, wrong, t):
+        whole = {"time_s": t, "sensor": Sensor.GNSS_TRACTOR, "value": (t, 0.0)}
+        parts = {"time": good(t), "samples": wrong, "sample": [wrong]}
+        parts["entry"] = [Measurement(**whole | {"value": (t, wrong)})]
+        parts["swapped"] = [Measurement(wrong, t, (0.0,))]
+        return parts[part] if part in parts else [Measurement(**whole | {part: wrong})]
 
     def drive(made, part, wrong):
         guidance = copy.deepcopy(made)
@@ -145,11 +153,12 @@ def samples(folder):
             now = 0.2 * k
             with contextlib.suppress(*((TtempcError,) if k == 6 else ())):
                 if k == 6:
-                    guidance.update(wrong if part == "time" else now, parts[part](wrong, now))
+                    guidance.update(wrong if part == "time" else now, seventh(part, wrong, now))
                 elif k < 6 or part != "time":  # a time that was taken is that of the clock
                     guidance.update(now, good(now))
                 assert np.isfinite(guidance.step().as_array()).all(), (part, wrong)
 
+    parts = "time", "samples", "sample", "entry", "status", "swapped", "time_s", "sensor", "value"
     for name in ("ttempc", "pid"):
         made = Guidance(Vehicle(), figure_eight(), controller=name, learn=False)
         yield from each(drive, [made], parts, NONSENSE)
@@ -197,14 +206,12 @@ def gym(folder):
                     break
         assert [*seen(environment)] == [*seen(other)]
 
-    def beside(number, in_threads):
-        made, seeds = [FieldTrial("grass", path) for _ in range(number)], range(3, 3 + number)
-        alone = [[*seen(FieldTrial("grass", path), seed)] for seed in seeds]
-        with ThreadPoolExecutor(number) as pool:
-            if in_threads:
-                assert [*pool.map(lambda *one: [*seen(*one)], made, seeds)] == alone
-            else:  # a step of each in turn
-                assert [*zip(*map(seen, made, seeds), strict=True)] == [*zip(*alone, strict=True)]
+    def grass(seed):
+        return [*seen(FieldTrial("grass", path), seed)]
+
+    def in_turn(seeds):  # a step of each
+        made, alone = [FieldTrial("grass", path) for _ in seeds], map(grass, seeds)
+        assert [*zip(*map(seen, made, seeds), strict=True)] == [*zip(*alone, strict=True)]
 
     keys = "scenario", "overrides", "action", "normalised", "residual_share", "trust", "render_mode"
     yield from each(settings, keys, NONSENSE)
@@ -216,7 +223,8 @@ def gym(folder):
     own += [[None] * 3, [1, 2, 10**400], np.zeros(3, complex), np.ones(3, bool), [[1], [2], [3]]]
     yield from each(actions, [{}], NONSENSE, [3])
     yield from each(actions, ({}, {"normalised": False}, {"action": "residual"}), own, [400])
-    yield from each(beside, (2, 4, 6), (False, True))
+    for attack in (in_turn, partial(same_in_threads, grass)):
+        yield from each(attack, [range(2), range(4), range(6)])
 
 
 def options(folder):
@@ -244,8 +252,8 @@ def options(folder):
     for where in ("nope", folder, "/dev/null", "/dev/zero/x"):
         yield partial(command, "search", "limit", where, "slope", *out)
     files = b"", b"x", b"1 1", b"-1", b"1e3", b"9" * 20, b"\xff" * 99, b"1\0", b"0 " * 2000, b"[]"
-    for k, data in enumerate((*files, *(CARD.read_bytes()[:n] for n in range(40, 4000, 200)))):
-        (file := folder / f"{k}.txt").write_bytes(data)
+    for data in (*files, *(CARD.read_bytes()[:n] for n in range(40, 4000, 200))):
+        file = written(folder, data, ".txt")
         yield partial(command, "bench", "pid", "--seeds-file", file, *out)
         yield partial(command, "bench", "--compare", CARD, file)
     for k in range(60):
@@ -254,7 +262,7 @@ def options(folder):
         while isinstance(place[key := draw.choice([*place])], dict) and place[key]:
             place = place[key]
         place[key] = draw.choice((None, -1, math.nan, 1e999, "x", [], {}, [[]], 10**30, True))
-        (file := folder / f"card{k}.json").write_text(json.dumps(table))
+        file = written(folder, json.dumps(table), ".json")
         yield partial(command, "bench", "--compare", CARD, file, codes=(0, 2))
 
     def twice(words):
@@ -313,18 +321,18 @@ def logs(folder):
     isolated(partial(command, *words, folder / "run", codes=(0,)))
     whole = (folder / "run" / "log.mcap").read_bytes()
     content = read_content(folder / "run" / "log.mcap")
-    fuzzed = ch.MEASUREMENT, ch.ESTIMATE, ch.CONTROL, ch.REFERENCE, ch.STATE
-    kinds = {kind.topic: kind for kind in fuzzed}
+    found = {topic: [one.data for one in known] for topic, known in content.messages.items()}
+    kinds = [ch.MEASUREMENT, ch.ESTIMATE, ch.CONTROL, ch.REFERENCE, ch.STATE]
 
-    def write(file, attachments=(), change=lambda topic, data: data):
+    def write(file, attachments=(), messages=()):
         with file.open("wb") as stream:
             made = {**content.attachments, **dict(attachments)}
             log, numbers = begin_log(stream, content.metadata, made, content.topics.values())
-            for topic, number in numbers.items():
-                known = content.messages.get(topic, [])
-                for k, one in enumerate(change(topic, [message.data for message in known])):
-                    stamp = known[min(k, len(known) - 1)].log_time
-                    log.add(number, np.array([stamp]), np.frombuffer(one, np.uint8)[None])
+            for topic, data in {**found, **dict(messages)}.items():
+                times = [message.log_time for message in content.messages[topic]]
+                for k, one in enumerate(data):
+                    stamp = np.array([times[min(k, len(times) - 1)]])
+                    log.add(numbers[topic], stamp, np.frombuffer(one, np.uint8)[None])
             log.finish()
 
     def read(file, check=(0, 1, 2)):
@@ -337,18 +345,15 @@ def logs(folder):
 
     def fuzz(kind, seed):
         draw, numbers = random.Random(seed), np.random.default_rng(seed)
-        at, file = draw.choice([*kinds]), folder / f"{kind}{seed}.mcap"
-        message, names = message_class(kinds[at]), row_fields(kinds[at])
-
-        def change(topic, data):
-            if topic != at:
-                return data
-            found = map(message.FromString, data)
-            rows = np.array([[getattr(one, name) for name in names] for one in found])
-            (n, width), odd = rows.shape, draw.choice(NUMBERS)
-            t, body, line, column = rows[:, :1], rows[:, 1:], *np.indices(rows.shape)
-            noise = draw.choice((0.1, 1e6, 1e300)) * numbers.normal(size=body.shape)
-            few = numbers.random(rows.shape) < draw.choice((1e-3, 0.1))
+        at, file = draw.choice(kinds), folder / f"{kind}{seed}.mcap"
+        message, names = message_class(at), row_fields(at)
+        known = map(message.FromString, found[at.topic])
+        rows = np.array([[getattr(one, name) for name in names] for one in known])
+        (n, width), odd = rows.shape, draw.choice(NUMBERS)
+        t, body, line, column = rows[:, :1], rows[:, 1:], *np.indices(rows.shape)
+        noise = draw.choice((0.1, 1e6, 1e300)) * numbers.normal(size=body.shape)
+        few = numbers.random(rows.shape) < draw.choice((1e-3, 0.1))
+        with np.errstate(all="ignore"):
             rows = {
                 "column": np.where(column == draw.randrange(width), odd, rows),
                 "cells": np.where(few, odd, rows),
@@ -363,10 +368,7 @@ def logs(folder):
                 "back": rows[::-1],
             }[kind]
             made = [dict(zip(names, row, strict=True)) for row in rows.tolist()]
-            return [message(**row).SerializeToString() for row in made]
-
-        with np.errstate(all="ignore"):
-            write(file, change=change)
+            write(file, (), {at.topic: [message(**row).SerializeToString() for row in made]})
             read(file)
 
     def flipped(seed):
@@ -377,21 +379,21 @@ def logs(folder):
         (file := folder / f"flip{seed}.mcap").write_bytes(data[:end])
         read(file, check=(1, 2))
 
-    def damaged(attachments, at, change):
-        file = folder / "damaged.mcap"
-        write(file, attachments, lambda topic, data: change(data) if topic == at else data)
-        read(file, check=(1, 2))
+    def damaged(attachments, messages):
+        write(folder / "damaged.mcap", attachments, messages)
+        read(folder / "damaged.mcap", check=(1, 2))
 
     names = "column", "cells", "rest", "noise", "scale", "times"
     yield from each(fuzz, (*names, "shuffle", "same", "cut", "thin", "back"), range(6))
     yield from each(flipped, range(40))
     texts = b"", b"x = 1", b"\xff\xfe", b"<mujoco><include file='/etc/passwd'/></mujoco>"
     others = [{name: text} for name, text in product(content.attachments, texts)]
-    yield from each(damaged, others, [None], [None])
+    yield from each(damaged, others, [{}])
     changes = [lambda data: [], lambda data: data[:3], lambda data: data[::2]]
     changes += [lambda data: [b""] * len(data), lambda data: [b"\xff\x01"] * len(data)]
     topics = "/tf", "/state", "/reference", "/control", "/estimate"
-    yield from each(damaged, [{}], topics, changes)
+    others = [{topic: change(found[topic])} for topic, change in product(topics, changes)]
+    yield from each(damaged, [{}], others)
 
 
 def models(folder):
@@ -401,17 +403,7 @@ def models(folder):
         with pytest.raises(ValueError):  # noqa: PT011 - what else escapes is no refusal
             check_model(f"<mujoco>{inside}</mujoco>")
 
-    yield from each(refused, (
-        '<texture builtin="flat" width="4096" height="4096"/>' * 300,
-        '<texture type="cube" builtin="flat" width="2048" height="2048"/>' * 100,
-        '<texture gridsize="9999 9999" width="4096" height="4096"/>' * 9,
-        '<hfield nrow="4000" ncol="4000" size="1 1 1 1"/>' * 300, '<hfield file="x.png"/>',
-        "<geom/>" * 40_000, "<key/>" * 100_000, "<site/>" * 100_000,
-        "<body><joint/><geom/></body>" * 10_000, "<body>" * 40 + "</body>" * 40,
-        '<mesh file="/dev/zero"/>', '<include file="/etc/passwd"/>',
-        '<composite type="cable" count="100000 1 1"/>',
-        '<flexcomp type="grid" count="999 999 9"/>', '<size nuserdata="2000000000"/>',
-    ))  # fmt: skip
+    yield from each(refused, test_log_integrity.WRONG_MODELS)
 
 
 def trust(folder):
@@ -426,11 +418,11 @@ def trust(folder):
         assert not Path("MARK").exists(), "imported"
 
     stage, name = "[[stages]]\nmake = 'evil:make'\nafter = ", "[controller]\nname = "
+    estimator = "[controller]\nestimator = 'evil:make'\n"
     parts = [f"{stage}'{one}'\n" for one in ("sense", "estimate", "control", "advance", "nope")]
     parts += [f"{stage}'control'\n{stage}'advance'\n", f"{stage}'sense'\noptions = {{a = 1}}\n"]
     parts += [f"{name}'evil:make'\n", f"{name}'os:system'\n", f"{name}''' evil:make'''\n"]
-    parts += [f"{name}'''evil:make\nx'''\n", f'{name}"evil:make\\u0000"\n']
-    parts += ["[controller]\nestimator = 'evil:make'\n"]
+    parts += [f"{name}'''evil:make\nx'''\n", f'{name}"evil:make\\u0000"\n', estimator]
     axis = "[[axis]]\nkind = 'list'\nkey = '{}'\nvalues = ['{}', '{}']\n"
     plain = "scenario = 'pavement'\n"
     for text in parts:
@@ -439,21 +431,15 @@ def trust(folder):
             yield partial(untouched, word, scenario, *out)
         for action in ("rays", "limit"):
             yield partial(untouched, "search", action, scenario, "slope", *out, *alone)
-        inside = text.replace("[controller]", "[set.controller]").replace(
-            "[stages]", "[set.stages]"
-        )
-        named = axis.format("scenario", "pavement", scenario)
-        for k, lines in enumerate(
-            (f"scenario = '{scenario}'\n", f"{plain}{named}", plain + inside)
-        ):
-            (file := scenario.with_name(f"{scenario.stem}-{k}.toml")).write_text(lines)
-            for more in (alone, ("--dry-run",)):
-                yield partial(untouched, "sweep", file, *out, *more)
+        named = plain + axis.format("scenario", "pavement", scenario)
+        inside = plain + re.sub(r"\[(controller|stages)\]", r"[set.\1]", text)
+        for lines in (f"scenario = '{scenario}'\n", named, inside):
+            sweep = partial(untouched, "sweep", written(folder, lines), *out)
+            yield from (partial(sweep, *more) for more in (alone, ("--dry-run",)))
     keys = "controller controller.estimator controller.name stages stages.make stages.0.make"
     codes, skips = ("evil:make", "os:system"), ("", "skip_refused = true\n")
     for key, code, more in product(keys.split(), codes, skips):
-        file = folder / f"axis{len([*folder.iterdir()])}.toml"
-        file.write_text(f"{plain}{more}{axis.format(key, 'ttempc', code)}")
+        file = written(folder, f"{plain}{more}{axis.format(key, 'ttempc', code)}")
         yield partial(untouched, "sweep", file, *out, *alone)
 
 
@@ -471,7 +457,7 @@ def kills(folder):
 
     for number, workers, keep in ((100, 0, ""), (40, 0, "keep = 'all'\n"), (20, 2, "")):
         (place := folder / str(number)).mkdir()
-        words = *study(place, f"seeds = [1, 2, 3, 4, 5, 6]\n{keep}"), "--workers", workers, "-o"
+        words = *study(place, SEEDS + keep), "--workers", workers, "-o"
         for name in ("first", "alone"):  # the first loads what all others need
             begun = time.monotonic()
             command(*words, place / name, codes=(0,))
@@ -491,8 +477,7 @@ def crowds(folder):
         with ThreadPoolExecutor(len(kinds)) as pool:
             said = [*pool.map(isolated, attacks, [LIMIT_S] * len(kinds), delays)]
         made, rest = said.count(""), "".join(said)
-        refused = rest.count("exit code 2") == rest.count("\\n") == len(said) - made
-        assert refused, said
+        assert rest.count("exit code 2") == rest.count("\\n") == len(said) - made, said
         assert made == 1 or (made > 1 and one not in kinds), said
         if (place / "results.jsonl").exists():
             assert row_bits(place) == row_bits(folder / "alone")
@@ -506,17 +491,13 @@ def crowds(folder):
 
 
 def dask(folder):
-    """A scheduler that is killed or ended in a sweep, with its worker, and returns in it or after.
+    """A scheduler killed or ended in a sweep: rows or a line, and continued it has all rows."""
 
-    The sweep ends with its rows or is refused in a line; continued, its rows are all there.
-    """
-
-    def dies(number, how, wanted, worker_too):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
+    def dies(how, wanted, worker_too):
+        with socket.create_server(("127.0.0.1", 0)) as free:
             port = str(free.getsockname()[1])
-        here, place = f"tcp://127.0.0.1:{port}", folder / str(number)
-        words, made = (*study(folder), "--dask", here, "-o", place), place / "results.jsonl"
+        here, place = f"tcp://127.0.0.1:{port}", folder / f"{how}{wanted}{worker_too}"
+        words, made = (*plan, "--dask", here, "-o", place), place / "results.jsonl"
         scheduler = "scheduler", "--host", "127.0.0.1", "--port", port
         worker = "worker", here, "--nthreads", "1", "--no-nanny"
 
@@ -544,9 +525,9 @@ def dask(folder):
             command(*words, codes=(0,))
         assert row_bits(place) == row_bits(folder / "alone")
 
-    command(*study(folder), "--workers", 0, "-o", folder / "alone", codes=(0,))
-    cases = product(("killed", "ended", "returns"), (0, 2, 5), (False, True))
-    yield from (partial(dies, k, *case) for k, case in enumerate(cases))
+    plan = study(folder)
+    command(*plan, "--workers", 0, "-o", folder / "alone", codes=(0,))
+    yield from each(dies, ("killed", "ended", "returns"), (0, 2, 5), (False, True))
 
 
 def peers(folder):
@@ -571,15 +552,13 @@ def peers(folder):
         _, outcome, *_ = driven(beside)
         assert outcome.status == "completed", (payloads[0][:9], outcome)
 
-    def own(payload, every, endings, **pace):
-        mixed = lambda k, made: [payload] * (k % every == 0) + made  # noqa: E731
-        record, outcome, *_ = driven(change=mixed, **pace)
+    def own(change, endings, **pace):
+        record, outcome, *_ = driven(change=change, **pace)
         assert np.isfinite(record[ch.CONTROL].columns(*COMMANDS)).all()
-        assert outcome.status in endings, (payload[:16], outcome)
+        assert outcome.status in endings, outcome
 
-    def lets_go(after):
-        _, outcome, *_ = driven(change=lambda k, made: made if k < after else [off])
-        assert outcome.status == "invalid", outcome
+    def mixed(payload, every, k, made):
+        return [payload] * (k % every == 0) + made
 
     frames = [b"", b"\x80", b"\x80\x81", b"x" * 60_000, b"\x80\x81\x7f\xfe\xff" + bytes(9)]
     for number in (123, 200, 202, 253, 214, 254):
@@ -588,12 +567,13 @@ def peers(folder):
     for one in frames:
         yield partial(squatted, [one], 1, 1)
         yield partial(squatted, [one], 12, 3)
-        yield partial(own, one, 1, ("completed",))
+        yield partial(own, partial(mixed, one, 1), ("completed",))
     yield partial(squatted, frames[:-1], 30, 30)
     locks = [steering_frame(angle, True) for angle in (-327.0, 327.0, 90.0, -90.0)]
-    steered = partial(own, speed=8.0)  # on the clock, since the first frame starts the run
-    yield from each(steered, locks, (7, 1), [("completed", "stopped", "lost")])
-    yield from each(lets_go, (12, 20, 40))
+    for lock, every in product(locks, (7, 1)):  # on the clock: the first frame starts the run
+        yield partial(own, partial(mixed, lock, every), ("completed", "stopped", "lost"), speed=8.0)
+    for after in (12, 20, 40):  # it lets go
+        yield partial(own, lambda k, made, n=after: made if k < n else [off], ("invalid",))
 
 
 def threads(folder):
@@ -612,18 +592,14 @@ def threads(folder):
             made.append(guidance.step().as_array().tobytes())
         return made
 
-    def beside(drive, names):
-        with ThreadPoolExecutor(len(names)) as pool:
-            made = list(pool.map(drive, names))
-        assert made == list(map(drive, names)), names
-
     kinds = "ttempc", "pid", "lqr", "nmpc"
-    yield from each(beside, [commands], permutations(("ttempc", "pid", "lqr", "ttempc-nominal")))
-    yield from each(beside, [guided], [*((kind,) * 6 for kind in kinds), *permutations(kinds)])
+    yield from each(same_in_threads, [commands], permutations(("ttempc-nominal", *kinds[:3])))
+    many = *((kind,) * 6 for kind in kinds), *permutations(kinds)
+    yield from each(same_in_threads, [guided], many)
 
 
 def memory(folder):
-    """Laps of a run, or runs one after another: the peak of the memory over their number."""
+    """Laps 7 to 30 of a run, or runs: what each adds to the peak of the memory, after warm-up."""
 
     def peak(laps, runs):
         for _ in range(runs):
@@ -635,8 +611,8 @@ def memory(folder):
         a_lap = (more - less) / (math.prod(second) - math.prod(first))
         assert a_lap <= MOST_LAP_MB, f"{a_lap:.2f} MB a lap"
 
-    yield partial(grows, (5, 1), (8, 1))
-    yield partial(grows, (1, 5), (1, 8))
+    yield partial(grows, (6, 1), (30, 1))
+    yield partial(grows, (1, 6), (1, 30))
 
 
 CLASSES = (samples, gym, options, maps, logs, models, trust, kills, crowds, dask, peers, threads)

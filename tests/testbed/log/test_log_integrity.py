@@ -22,6 +22,30 @@ from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS
 
 from tests.testbed.logs import feed, writer
 
+WRONG_MODELS = (
+    '<include file="/etc/passwd"/>',
+    '<asset><mesh name="a" file = "/dev/stdin"/></asset>',
+    '<asset><texture name="a" type="2d" fileright="x.png"/></asset>',
+    '<worldbody><replicate count="100000000"/></worldbody>',
+    '<extension><plugin plugin="mujoco.pid"/></extension>',
+    '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>',
+    '<asset><mesh name="a" vertex="' + 4_000_000 * "0" + '"/></asset>',
+    '<size memory="99G"/>',
+    '<asset><texture name="a" type="2d" width="99999" height="9"/></asset>',
+    '<asset><hfield name="a" nrow="99999" ncol="99999" size="1 1 1 1"/></asset>',
+    5 * '<texture type="2d" width="2048" height="2048"/>',  # one is allowed
+    2 * '<hfield nrow="4000" ncol="4000"/>',
+    '<texture type="cube" width="2048" height="2048"/>',
+    9_000 * "<geom/>",
+    '<texture gridsize="9999 9999" width="4096" height="4096"/>' * 9,
+    '<hfield file="x.png"/>',
+    *(100_000 * f"<{kind}/>" for kind in ("key", "site")),
+    "<body><joint/><geom/></body>" * 10_000,
+    "<body>" * 40 + "</body>" * 40,
+    '<flexcomp type="grid" count="999 999 9"/>',
+    '<size nuserdata="2000000000"/>',
+)
+
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
@@ -94,28 +118,12 @@ def test_the_declared_size_of_a_chunk_is_limited_before_it_is_allocated(tmp_path
 
 
 def test_a_model_that_opens_files_is_refused_and_those_of_this_program_pass():
-    for inside in (
-        '<include file="/etc/passwd"/>',
-        '<asset><mesh name="a" file = "/dev/stdin"/></asset>',
-        '<asset><texture name="a" type="2d" fileright="x.png"/></asset>',
-        '<worldbody><replicate count="100000000"/></worldbody>',
-        '<extension><plugin plugin="mujoco.pid"/></extension>',
-        '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>',
-        '<asset><mesh name="a" vertex="' + 4_000_000 * "0" + '"/></asset>',
-        '<size memory="99G"/>',
-        '<asset><texture name="a" type="2d" width="99999" height="9"/></asset>',
-        '<asset><hfield name="a" nrow="99999" ncol="99999" size="1 1 1 1"/></asset>',
-        5 * '<texture type="2d" width="2048" height="2048"/>',  # one is allowed
-        2 * '<hfield nrow="4000" ncol="4000"/>',
-        '<texture type="cube" width="2048" height="2048"/>',
-        9_000 * "<geom/>",
-    ):
-        with pytest.raises(ValueError, match=r"not allowed|at most|1M to 99M"):
+    for inside in WRONG_MODELS:
+        with pytest.raises(ValueError, match=r"not allowed|at most|more than|1M to 99M"):
             check_model(f"<mujoco>{inside}</mujoco>")
     for wheels in WHEEL_MODELS:
         for vehicle in VEHICLES.names():
-            plant = read_vehicle(vehicle)
-            spec = build_spec(plant, flat((80.0, 50.0)), wheels, SoilLaw(), 0.002)
+            spec = build_spec(read_vehicle(vehicle), flat((80.0, 50.0)), wheels, SoilLaw(), 0.002)
             check_model(level_model(spec)[1])
 
 
