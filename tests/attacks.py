@@ -24,6 +24,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from itertools import count, permutations, product
 from pathlib import Path
@@ -141,11 +142,11 @@ def samples(folder):
         return [Measurement(t, sensor, value) for sensor, value in values]
 
     def seventh(part, wrong, t):
-        whole = {"time_s": t, "sensor": Sensor.GNSS_TRACTOR, "value": (t, 0.0)}
+        whole = Measurement(t, Sensor.GNSS_TRACTOR, (t, 0.0))
         parts = {"time": good(t), "samples": wrong, "sample": [wrong]}
-        parts["entry"] = [Measurement(**whole | {"value": (t, wrong)})]
+        parts["entry"] = [replace(whole, value=(t, wrong))]
         parts["swapped"] = [Measurement(wrong, t, (0.0,))]
-        return parts[part] if part in parts else [Measurement(**whole | {part: wrong})]
+        return parts[part] if part in parts else [replace(whole, **{part: wrong})]
 
     def drive(made, part, wrong):
         guidance = copy.deepcopy(made)
@@ -186,8 +187,9 @@ def gym(folder):
             yield environment.step(draw.uniform(-0.5, 0.5, 3))[0].tobytes()
 
     def resets(wrong):
+        environment = FieldTrial("pavement", path)
         with pytest.raises(Error):  # before the start
-            (environment := FieldTrial("pavement", path)).step(np.zeros(3))
+            environment.step(np.zeros(3))
         for words in ({"seed": wrong}, {"seed": 1, "options": wrong}):
             answer = refused(partial(environment.reset, **words))
             assert answer is None or np.isfinite(answer[0]).all()
@@ -257,8 +259,8 @@ def options(folder):
         yield partial(command, "bench", "pid", "--seeds-file", file, *out)
         yield partial(command, "bench", "--compare", CARD, file)
     for k in range(60):
-        draw, table = random.Random(k), json.loads(CARD.read_text())
-        place = table
+        draw = random.Random(k)
+        table = place = json.loads(CARD.read_text())
         while isinstance(place[key := draw.choice([*place])], dict) and place[key]:
             place = place[key]
         place[key] = draw.choice((None, -1, math.nan, 1e999, "x", [], {}, [[]], 10**30, True))
@@ -521,7 +523,7 @@ def dask(folder):
                 start(stack, *scheduler)
             assert not said.result(), said.result()
         with contextlib.ExitStack() as stack:
-            start(stack, *scheduler), start(stack, *worker)
+            _ = start(stack, *scheduler), start(stack, *worker)
             command(*words, codes=(0,))
         assert row_bits(place) == row_bits(folder / "alone")
 
@@ -545,8 +547,7 @@ def peers(folder):
         @contextlib.contextmanager
         def beside(address):
             others = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(sockets)]
-            for other, payload in product(others, payloads * again):
-                other.sendto(payload, address)
+            _ = [other.sendto(one, address) for other in others for one in payloads * again]
             yield others
 
         _, outcome, *_ = driven(beside)
@@ -611,8 +612,7 @@ def memory(folder):
         a_lap = (more - less) / (math.prod(second) - math.prod(first))
         assert a_lap <= MOST_LAP_MB, f"{a_lap:.2f} MB a lap"
 
-    yield partial(grows, (6, 1), (30, 1))
-    yield partial(grows, (1, 6), (1, 30))
+    yield from (partial(grows, (6, 1), (30, 1)), partial(grows, (1, 6), (1, 30)))
 
 
 CLASSES = (samples, gym, options, maps, logs, models, trust, kills, crowds, dask, peers, threads)
