@@ -59,7 +59,8 @@ def weights() -> dict[str, float]:
     """Return the frozen weights of the trials; of another trial 1.
 
     They even out the largest share that each trial has in the variance of the log ratio of two of
-    six serious entries; they were fitted to runs of seeds 8801 to 8820. Trials without weight
+    six serious entries; they were fitted to runs of seeds 8801 to 8820, of `line-entry` and
+    `reverse`, where checks for a drift are rare and costly, to 8840. Trials without weight
     guard: what counts is what comes home.
     """
     return json.loads((folder() / "weights.json").read_text(encoding="utf-8"))

@@ -140,7 +140,7 @@ def _spread(column: str, digits: int) -> Cell:
     return cell
 
 
-_DRIVES: Final = 8  # of each field, for the false alarms
+_DRIVES: Final = 13  # of each field, for the false alarms: more than 20 h
 _SLIPS: Final = 0.2  # true slip with which an alarm of spinning wheels is none; two thirds of the
 # allowance of `wheels` at 1 m/s
 _SPAN_S: Final = 2.0  # before an alarm: a second of the residual, and the sum

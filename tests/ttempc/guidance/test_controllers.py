@@ -11,6 +11,7 @@ from tests.ttempc.closed_loop import PERIOD_S, Supervised, drive, seen_truth
 from tests.ttempc.tubes import DESIGN
 from ttempc.baselines.paper import PaperOptions, paper_controller
 from ttempc.guidance.controllers import CONTROLLERS, make_controller
+from ttempc.layout import TICK, estimate_row, new_tick
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.vehicle import Vehicle
@@ -64,6 +65,20 @@ def test_commands_stay_within_the_vehicle_whatever_the_estimate(name):
         if previous is not None:
             assert np.all(np.abs(command - previous) <= VEHICLE.input_rate * PERIOD_S + 1e-12)
         previous = command
+
+
+@pytest.mark.parametrize("name", ["ttempc", "ttempc-nominal", "nmpc-rti"])
+def test_a_held_back_vehicle_is_steered_the_same_however_slow_it_is(name):
+    """In a curve, on the path; free to keep up, a vehicle that stands is steered far aside."""
+    k, sent = 150, []
+    state, planned = REFERENCE.at(k * PERIOD_S).state, make(name)._feedforward[k - 1]
+    for waits, share in ((1.0, 0.0), (1.0, 0.5), (0.0, 0.0)):
+        estimate, tick = seen_truth(state * [1, 1, 1, 1, 1, 1, share], 0.0, VEHICLE), new_tick()
+        row, tick.view(TICK)[0]["waits"] = estimate_row(estimate), waits
+        make(name).act(row, lambda e=estimate: e, k, planned * [1, 1, share], tick)
+        sent.append(tick.view(TICK)[0]["control"][:2, :3].sum(axis=1) - planned[:2])
+    np.testing.assert_array_equal(sent[0], sent[1])
+    assert np.abs(sent[0]).max() < 0.5 * np.abs(sent[2]).max()
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
