@@ -102,13 +102,17 @@ def test_tipped_past_its_balance_it_ends_on_its_side_and_stays_there(vehicle, wh
     plant.data.qpos[2] += 1.1 * vehicle.rear_wheel.radius_m
     plant.data.qpos[3:7] = math.cos(half), math.sin(half), 0.0, 0.0
     mujoco.mj_step1(plant.model, plant.data)
-    plant.advance(STOP, 2500)
-    depth = []
+    # the tumble is chaotic: with the last bits of another processor's BLAS kernels it takes 7 s
+    plant.advance(STOP, 5000)
+    depth, places, rolls = [], [], []
     for _ in range(50):
-        lying = plant.advance(STOP, 5)
-        assert 60.0 < math.degrees(lying.tractor.roll) < 120.0
-        assert np.abs(plant.data.qvel[:6]).max() < 0.3
+        rolls.append(math.degrees(plant.advance(STOP, 5).tractor.roll))
+        places.append(plant.data.qpos[:3].copy())
         depth += [contact.dist for contact in plant.data.contact]
+    assert 60.0 < min(rolls) <= max(rolls) < 120.0
+    # it may shake on its corners
+    assert np.ptp(places, axis=0).max() < 0.05
+    assert np.ptp(rolls) < 1.0
     # what touches the ground does not sink into it
     assert depth
     assert min(depth) > -0.03
