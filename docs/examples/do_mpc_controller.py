@@ -3,16 +3,17 @@
     ttempc run grass --controller do_mpc_controller:DoMpc
     ttempc bench do_mpc_controller:DoMpc --quick
 
-Needs `pip install do-mpc`. The model is that of `casadi_mpc.py` beside it; do-mpc discretises it by
-collocation and solves with Ipopt. The weights are untuned: those of `casadi_mpc.py` did worse here
-on the seeds 1 to 3 of the trials `wet-slope` and `tool`.
+Needs `pip install do-mpc`. Model, weights and budget of tuning are those of `casadi_mpc.py` beside
+it. do-mpc weighs changes of its inputs from 0: its inputs are therefore the differences of the
+commands from those of the reference.
 """
 
 import do_mpc
 import numpy as np
-from casadi_mpc import DISTURBANCES, INPUTS, STATES, derivative, trailer_point
+from casadi_mpc import DISTURBANCES, INPUTS, REVERSE, STATES, step_of, trailer_point
 
 from ttempc import Command
+from ttempc.reference.reference import guided
 
 
 class DoMpc:
@@ -24,42 +25,49 @@ class DoMpc:
         reference,
         period_s,
         horizon=12,
-        steering=0.1,
-        moves=1.0,
-        trailer=1.0,
-        heading=0.1,
+        steering=0.045,
+        moves=(1.8, 2.8, 2.8),
+        trailer=140.0,
+        heading=0.056,
     ):
+        if vehicle.reverse:
+            steering, moves, trailer, heading = REVERSE
+        reference = guided(reference, "tool")
+        vehicle = reference.vehicle
         self.reference = reference.on_grid(period_s, beyond=horizon + 1)
-        model = do_mpc.model.Model("continuous")
+        model = do_mpc.model.Model("discrete")
         x = model.set_variable("_x", "x", (STATES, 1))
-        u = model.set_variable("_u", "u", (INPUTS, 1))
+        last = model.set_variable("_x", "last", (INPUTS, 1))
+        own = model.set_variable("_u", "own", (INPUTS, 1))
         given = model.set_variable("_tvp", "given", (STATES + 2 + INPUTS + DISTURBANCES, 1))
         wanted, point = given[:STATES], given[STATES : STATES + 2]
         inputs, w = given[STATES + 2 : STATES + 2 + INPUTS], given[STATES + 2 + INPUTS :]
-        model.set_rhs("x", derivative(x, u, w, vehicle))
+        model.set_rhs("x", step_of(vehicle, period_s)(x, inputs + own, w))
+        model.set_rhs("last", inputs + own)
         error, behind = x - wanted, trailer_point(x, vehicle) - point
-        own = u - inputs
         place = error[:2].T @ error[:2] + trailer * (behind.T @ behind)
-        place += heading * (error[2:4].T @ error[2:4])
-        model.set_expression("place", place)
+        model.set_expression("place", place + heading * (error[2:4].T @ error[2:4]))
         model.set_expression("own", own.T @ own)
+        model.set_expression("command", inputs + own)
+        model.set_expression("change", inputs + own - last)
         model.setup()
-        place, own = model.aux["place"], model.aux["own"]
+        place, own, command, change = (model.aux[n] for n in ("place", "own", "command", "change"))
         mpc = do_mpc.controller.MPC(model)
         mpc.settings.n_horizon, mpc.settings.t_step = horizon, period_s
-        mpc.settings.collocation_deg = 2
         mpc.settings.store_full_solution = False
-        mpc.settings.nlpsol_opts = {"ipopt.max_iter": 30, "ipopt.tol": 1e-4}
+        mpc.settings.nlpsol_opts = {"ipopt.max_iter": 30, "ipopt.tol": 1e-4, "expand": True}
         mpc.settings.supress_ipopt_output()
         mpc.set_objective(mterm=place, lterm=place + steering * own)
-        mpc.set_rterm(u=np.full((INPUTS, 1), moves))
-        mpc.bounds["lower", "_u", "u"] = vehicle.input_min
-        mpc.bounds["upper", "_u", "u"] = vehicle.input_max
+        mpc.set_rterm(own=np.broadcast_to(moves, INPUTS).reshape(-1, 1))
+        mpc.set_nl_cons("highest", command, vehicle.input_max)
+        mpc.set_nl_cons("lowest", -command, -vehicle.input_min)
+        mpc.set_nl_cons("up", change, vehicle.input_rate * period_s)
+        mpc.set_nl_cons("down", -change, vehicle.input_rate * period_s)
         self.template, self.horizon = mpc.get_tvp_template(), horizon
         self.k, self.estimate = 0, None
         mpc.set_tvp_fun(self._parameters)
         mpc.setup()
-        self.mpc, self.begun = mpc, False
+        self.mpc, self.begun, self.last = mpc, False, self.reference.inputs[0]
 
     def _parameters(self, time_s):
         """Return reference and disturbances over the horizon, yaw near that of the estimate."""
@@ -77,8 +85,11 @@ class DoMpc:
     def step(self, estimate, k):
         """Return the command of control tick k."""
         self.k, self.estimate = k, estimate
+        state = np.concatenate([estimate.state, self.last])
         if not self.begun:
-            self.mpc.x0, self.mpc.u0 = estimate.state, self.reference.inputs[k]
+            self.mpc.x0 = state
             self.mpc.set_initial_guess()
             self.begun = True
-        return Command(*self.mpc.make_step(estimate.state.reshape(-1, 1)).ravel().tolist())
+        own = self.mpc.make_step(state.reshape(-1, 1)).ravel()
+        self.last = self.reference.inputs[k] + own
+        return Command(*self.last.tolist())
