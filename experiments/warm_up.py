@@ -38,7 +38,7 @@ def _compile() -> None:
 
     from ttempc.estimation.filter import ROW, correct, filter_parameters
     from ttempc.estimation.noise import ProcessNoise, SensorNoise
-    from ttempc.models.rows import WIDTH
+    from ttempc.jit.rows import WIDTH
     from ttempc.types import Command, WarmingUp
     from ttempc.vehicle import Vehicle
 

@@ -18,6 +18,7 @@ PROJECT = ("mjcf", "testbed", "ttempc", "experiments")
 LIBRARIES = {"numpy", "scipy", "piqp", "numba", "llvmlite", "daqp"}  # llvmlite is numba's own
 CONTROL_SIDE_MAY = LIBRARIES | {"ttempc"} | sys.stdlib_module_names
 CONTROL_SIDE_MAY_NOT = {"time", "pathlib", "os", "io"}
+DISK_CACHE = "ttempc.jit"  # the one place of the control side that touches files and processes
 _SHARED = ("errors", "jit", "layout", "suggestion", "types", "vehicle")
 TESTBED_MAY = {f"ttempc.{name}" for name in _SHARED}
 SHIPPED_MAY_NOT = "experiments.papers"  # the wheel leaves it out
@@ -78,7 +79,9 @@ def layer_faults() -> Iterator[str]:
                         yield f"{place}: imports {module} absolutely"
                 if package == "ttempc" and (
                     top not in CONTROL_SIDE_MAY
-                    or (top in CONTROL_SIDE_MAY_NOT and name != "ttempc.jit")  # hooks of a fork
+                    or (
+                        top in CONTROL_SIDE_MAY_NOT and not name.startswith("ttempc.jit")
+                    )  # hooks of a fork, disk cache
                 ):
                     yield f"{place}: the control side imports {module}"
                 if package == "testbed" and (

@@ -16,6 +16,7 @@ from scipy.special import chdtri
 
 from ..errors import InvalidTuning
 from ..jit import cached_njit, local, record
+from ..jit.rows import WIDTH, add_row, add_rows, clear_row, scale_row, set_row
 from ..layout import ESTIMATE, FLOAT
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
@@ -33,7 +34,6 @@ from ..models.augmented_state import (
     write_estimate,
 )
 from ..models.kinematics import wrap_angle
-from ..models.rows import WIDTH, add_row, add_rows, clear_row, scale_row, set_row
 from ..types import FloatArray, Input, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .noise import SCALE_RANGE, SCALES, ProcessNoise, SensorNoise

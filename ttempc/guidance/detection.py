@@ -715,7 +715,8 @@ def _observe_steering(
                 total = 0.0
                 for entry in range(first, last + 1):
                     total += response[entry, 1 + which]
-                s.workspace[n + which * (_INTERVALS + 1)] = total / (last + 1 - first)
+                mean = total / (last + 1 - first) if first <= last else math.nan
+                s.workspace[n + which * (_INTERVALS + 1)] = mean
         if not known:
             continue
         sums = s.intervals[axis]

@@ -25,6 +25,7 @@ from ..estimation.filter import (
 )
 from ..estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ..jit import cached_njit
+from ..jit.rows import WIDTH
 from ..layout import FLOAT, SAMPLE, measurements_of
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
@@ -35,7 +36,6 @@ from ..models.augmented_state import (
     measure,
     move_augmented_state,
 )
-from ..models.rows import WIDTH
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, TURNING, Identification, ParameterChange

@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 
 from ..jit import cached_njit, local, record
+from ..jit.rows import WIDTH, add_row, clear_row, scale_row, set_row
 from ..layout import ESTIMATE
 from ..types import Disturbance, FloatArray, Input, MapDisturbance, Sensor, State
 from ..vehicle import Vehicle
-from .rows import WIDTH, add_row, clear_row, scale_row, set_row
 
 
 class AugmentedState(IntEnum):

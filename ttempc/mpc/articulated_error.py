@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from ..jit import cached_njit, record
+from ..jit.rows import WIDTH
 from ..layout import ESTIMATE, estimate_row
 from ..models.augmented_state import (
     AugmentedState,
@@ -15,7 +16,6 @@ from ..models.augmented_state import (
 )
 from ..models.kinematics import trailer_point_jacobian
 from ..models.linear import zero_order_hold
-from ..models.rows import WIDTH
 from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Shared, State

@@ -31,7 +31,7 @@ from ttempc.models.augmented_state import (
     vehicle_parameters,
 )
 from ttempc.models.kinematics import articulated
-from ttempc.models.rows import WIDTH
+from ttempc.jit.rows import WIDTH
 from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 

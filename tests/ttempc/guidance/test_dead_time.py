@@ -19,7 +19,7 @@ from ttempc.models.augmented_state import (
     advance_augmented_state,
     vehicle_parameters,
 )
-from ttempc.models.rows import WIDTH
+from ttempc.jit.rows import WIDTH
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Disturbance, MapDisturbance, State

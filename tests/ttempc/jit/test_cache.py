@@ -79,14 +79,59 @@ def test_a_change_in_another_module_reaches_compiled_code(sources):
     assert run() == (116.0, 0)
 
 
-@pytest.mark.parametrize("given", ["/dev/null/x", ""], ids=["NUMBA_CACHE_DIR", "read-only package"])
+def test_touched_sources_and_a_new_docstring_compile_nothing(sources):
+    cache = sources / "cache"
+    run_caller(sources, NUMBA_CACHE_DIR=cache)
+    os.utime(sources / "callee.py", (1.0, 1.0))
+    documented = CALLEE.replace("(x):", '(x):\n    """Scale the first entry."""')
+    (sources / "callee.py").write_text(documented)
+
+    assert run_caller(sources, NUMBA_CACHE_DIR=cache) == (101.0, 1, [])
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x80\x05K\x01.", b"torn"], ids=["empty", "other", "torn"]
+)
+def test_a_broken_file_is_compiled_anew(sources, content):
+    cache = sources / "cache"
+    run_caller(sources, NUMBA_CACHE_DIR=cache)
+    for file in cache.iterdir():
+        file.write_bytes(content)
+
+    assert run_caller(sources, NUMBA_CACHE_DIR=cache)[:2] == (101.0, 0)
+    assert run_caller(sources, NUMBA_CACHE_DIR=cache)[:2] == (101.0, 1)
+
+
+@pytest.mark.parametrize("given", ["/dev/null/x", ""], ids=["NUMBA_CACHE_DIR", "user's folder"])
 def test_without_a_writable_folder_kernels_run_uncached(sources, given):
     """A path below a file can be made by no user, root included."""
-    (sources / "__pycache__").touch()  # a file in the place of the package's own cache
     homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME"), "/dev/null/x")
     result, hits, (line,) = run_caller(sources, NUMBA_CACHE_DIR=given, **homes)
     assert (result, hits) == (101.0, 0)
     assert "NUMBA_CACHE_DIR" in line
+
+
+def test_a_folder_that_others_may_write_is_not_used(sources):
+    """A kernel is code: what another user can write is never loaded."""
+    cache = sources / "cache"
+    cache.mkdir()
+    cache.chmod(0o777)
+    result, hits, (line,) = run_caller(sources, NUMBA_CACHE_DIR=cache)
+
+    assert (result, hits) == (101.0, 0)
+    assert "written by other users" in line
+    assert list(cache.iterdir()) == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_a_folder_of_another_user_is_not_used(sources):
+    cache = sources / "cache"
+    cache.mkdir()
+    os.chown(cache, 12345, -1)
+    result, hits, (line,) = run_caller(sources, NUMBA_CACHE_DIR=cache)
+
+    assert (result, hits) == (101.0, 0)
+    assert "another user" in line
 
 
 def test_kernels_are_announced_while_a_thread_compiles_the_first_one(caplog):

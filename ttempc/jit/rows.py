@@ -8,9 +8,12 @@ in the flat array. Nothing is checked.
 from collections.abc import Callable
 from typing import Any, Final
 
+import numpy as np
 from llvmlite import ir
+from numba import config
 from numba.core import types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 WIDTH: Final = 24
 """Entries of a row: three vectors of eight numbers."""
@@ -52,34 +55,86 @@ def _operation(
 
 
 @_intrinsic
-def clear_row(_, target, to):  # noqa: ANN001, ANN201
-    """Write zeros into the row at `to` of `target`."""
+def _clear_row(_, target, to):  # noqa: ANN001, ANN202
     return _operation(lambda *_: ir.Constant(_VECTOR, [0.0] * WIDTH), target)
 
 
 @_intrinsic
-def set_row(_, target, to, weight, source, at):  # noqa: ANN001, ANN201
-    """Write `weight` times the row at `at` of `source` into the row at `to` of `target`."""
+def _set_row(_, target, to, weight, source, at):  # noqa: ANN001, ANN202
     return _operation(lambda builder, before, row: row, target, source)
 
 
 @_intrinsic
-def add_row(_, target, to, weight, source, at):  # noqa: ANN001, ANN201
-    """Add `weight` times the row at `at` of `source` to the row at `to` of `target`."""
+def _add_row(_, target, to, weight, source, at):  # noqa: ANN001, ANN202
     return _operation(lambda builder, before, row: builder.fadd(before, row), target, source)
 
 
 @_intrinsic
-def scale_row(_, target, to, weight, source, at):  # noqa: ANN001, ANN201
-    """Multiply the row at `to` of `target` by `weight` times the row at `at` of `source`."""
+def _scale_row(_, target, to, weight, source, at):  # noqa: ANN001, ANN202
     return _operation(lambda builder, before, row: builder.fmul(before, row), target, source)
 
 
 @_intrinsic
-def add_rows(_, target, to, weight, source, at, other, row, begin):  # noqa: ANN001, ANN201
-    """Add `weight` times one row and `other` times another, their sum first: it is symmetric."""
-
+def _add_rows(_, target, to, weight, source, at, other, row, begin):  # noqa: ANN001, ANN202
     def combine(builder, before, one, two):  # noqa: ANN001, ANN202
         return builder.fadd(before, builder.fadd(one, two))
 
     return _operation(combine, target, source, row)
+
+
+def _plain_row(array: NDArray[np.float64], begin: int) -> NDArray[np.float64]:
+    return array.reshape(-1)[begin : begin + WIDTH]
+
+
+def _plain_clear_row(target: NDArray[np.float64], to: int) -> None:
+    _plain_row(target, to)[:] = 0.0
+
+
+def _plain_set_row(
+    target: NDArray[np.float64], to: int, weight: float, source: NDArray[np.float64], at: int
+) -> None:
+    _plain_row(target, to)[:] = weight * _plain_row(source, at)
+
+
+def _plain_add_row(
+    target: NDArray[np.float64], to: int, weight: float, source: NDArray[np.float64], at: int
+) -> None:
+    _plain_row(target, to)[:] += weight * _plain_row(source, at)
+
+
+def _plain_scale_row(
+    target: NDArray[np.float64], to: int, weight: float, source: NDArray[np.float64], at: int
+) -> None:
+    _plain_row(target, to)[:] *= weight * _plain_row(source, at)
+
+
+def _plain_add_rows(
+    target: NDArray[np.float64],
+    to: int,
+    weight: float,
+    source: NDArray[np.float64],
+    at: int,
+    other_weight: float,
+    other: NDArray[np.float64],
+    begin: int,
+) -> None:
+    weighted_sum = weight * _plain_row(source, at) + other_weight * _plain_row(other, begin)
+    _plain_row(target, to)[:] += weighted_sum
+
+
+clear_row: Any = _plain_clear_row if config.DISABLE_JIT else _clear_row
+"""`clear_row(target, to)`: zeros into the row at `to` of `target`."""
+
+set_row: Any = _plain_set_row if config.DISABLE_JIT else _set_row
+"""`set_row(target, to, weight, source, at)`: a weighted row of `source` into one of `target`."""
+
+add_row: Any = _plain_add_row if config.DISABLE_JIT else _add_row
+"""`add_row(target, to, weight, source, at)`: a weighted row of `source` is added."""
+
+scale_row: Any = _plain_scale_row if config.DISABLE_JIT else _scale_row
+"""`scale_row(target, to, weight, source, at)`: entry by entry times a weighted row of `source`."""
+
+add_rows: Any = _plain_add_rows if config.DISABLE_JIT else _add_rows
+"""`add_rows(target, to, weight, source, at, other_weight, other, begin)`: two rows are added.
+
+Their sum is formed first: the result does not depend on their order."""

@@ -1,0 +1,28 @@
+"""Compiled kernels: everything of the project that depends on the inside of numba.
+
+With `NUMBA_DISABLE_JIT=1` every kernel is the Python function that one reads: a debugger stops in
+it, coverage and profilers count its lines. That is the plain mode.
+
+What a release of numba may break, how one sees it, and how to switch it off:
+
+- `compiler`: numba's list of passes. The first kernel raises. Delete `pipeline_class`: numba then
+  uses its own passes.
+- `cache`: the interface of numba's cache and the content of a compile result. A line of the logger
+  `ttempc` in every process says that kernels are compiled. Delete `kernel._cache = ...`.
+- `records`, `rows`: the memory layout of arrays, LLVM's vector instructions. The tests in
+  `tests/ttempc/jit` fail. Set `NUMBA_DISABLE_JIT=1`.
+"""
+
+from .cache import COMPILATION, Compilation, fingerprint
+from .compiler import FAST, cached_njit
+from .records import local, record
+
+__all__ = [
+    "COMPILATION",
+    "FAST",
+    "Compilation",
+    "cached_njit",
+    "fingerprint",
+    "local",
+    "record",
+]

@@ -1,0 +1,245 @@
+"""Disk cache of compiled kernels that is valid for exactly the code that they depend on.
+
+The cache of `numba.njit(cache=True)` looks at the file and the byte code of a function alone: it
+still loads the old machine code when a kernel or a constant that the function imports from another
+module has changed, and compiles anew when a file was only touched. Here a file is named after a
+digest of all that its machine code depends on, see `fingerprint`; where sources lie and when they
+were written does not count.
+"""
+
+import functools
+import hashlib
+import inspect
+import logging
+import os
+import pickle
+import platform
+import re
+import stat
+import uuid
+from collections.abc import Callable
+from enum import EnumType
+from types import FunctionType, ModuleType
+from typing import Any, Final
+
+import numba
+import numpy as np
+from numba.core import event
+from numba.core.caching import CompileResultCacheImpl, _Cache
+from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
+from numba.core.serialize import dumps
+from numba.core.types import ExternalFunction
+
+_LOG: Final = logging.getLogger("ttempc")
+
+
+class Compilation(event.TimingListener):
+    """Kernels that this process compiled, and the time that it took.
+
+    `done` is whether there was one, `duration` the time [s]. `on_first` is called before the first
+    one, if the result is kept on disk.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.kernels = 0
+        self._announced = 0
+        self.on_first: Callable[[], object] = lambda: None
+
+    def on_start(self, event: event.Event) -> None:
+        """Count a kernel; announce the first, unless a line said already that none is kept."""
+        if not (self.kernels or _warn_of_no_cache.cache_info().currsize):
+            _LOG.warning("compiling kernels, once: later processes load them")
+            self.on_first()
+        self.kernels += 1
+        super().on_start(event)
+
+    def announce(self) -> None:
+        """Log how many kernels were compiled and in what time, if there are new ones."""
+        if self.done and self.kernels > self._announced:  # a thread may compile the first one
+            self._announced = self.kernels
+            _LOG.warning("compiled %d kernels in %.1f s", self.kernels, self.duration)
+
+
+COMPILATION: Final = Compilation()
+event.register("numba:compile", COMPILATION)
+
+
+@functools.cache
+def _warn_of_no_cache(reason: str) -> None:
+    _LOG.warning(
+        "compiled kernels are not kept: %s; this process compiles its own, in about 25 s on an "
+        "idle core; set NUMBA_CACHE_DIR to a folder of your own",
+        reason,
+    )
+
+
+def _chosen_folder() -> str:
+    """Return `NUMBA_CACHE_DIR`, else the user's own folder of kernels."""
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return os.environ.get("NUMBA_CACHE_DIR") or os.path.join(caches, "ttempc", "kernels")
+
+
+class UnsafeFolder(OSError):
+    """Another user could have written the kernels of a folder: they are code, and never loaded."""
+
+
+@functools.cache
+def _kernel_folder() -> str:
+    """Return the folder of kernels, made if it was missing.
+
+    Raises:
+        OSError: it cannot be made, belongs to another user or may be written by others.
+    """
+    folder = _chosen_folder()
+    os.makedirs(folder, mode=0o700, exist_ok=True)
+    if hasattr(os, "geteuid"):  # elsewhere a user's folders are the user's own
+        found = os.stat(folder)
+        if found.st_uid != os.geteuid():
+            raise UnsafeFolder(f"{folder} belongs to another user")
+        if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            raise UnsafeFolder(f"{folder} may be written by other users")
+    return folder
+
+
+class KernelCache(_Cache):
+    """Machine code of one kernel: a file for each of its signatures.
+
+    A file that cannot be read or written, as on a full disk, is as good as none. A broken file is
+    removed.
+    """
+
+    def __init__(self, kernel: Dispatcher) -> None:
+        self._kernel = kernel
+        self._enabled = True
+
+    @property
+    def cache_path(self) -> str:
+        """Folder of the kernels, which need not exist."""
+        return _chosen_folder()
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - of numba
+        """Return the compile result of a signature, None if there is none."""
+        if not self._enabled:
+            return None
+        target_context.refresh()  # as numba's own cache does
+        path = ""
+        try:
+            path = self._path(sig, target_context.codegen())
+            with open(path, "rb") as file:
+                content = file.read()
+            return CompileResult._rebuild(target_context, *pickle.loads(content))
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            _warn_of_no_cache(str(error))
+            return None
+        except Exception:  # whatever a torn file makes pickle and LLVM raise
+            _remove(path)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401 - of numba
+        """Write the compile result of a signature."""
+        if not (self._enabled and CompileResultCacheImpl.check_cachable(_UNUSED, data)):
+            return
+        try:
+            _write(self._path(sig, data.codegen), dumps(data._reduce()))
+        except OSError as error:
+            _warn_of_no_cache(str(error))
+
+    def enable(self) -> None:
+        """Load and save from now on."""
+        self._enabled = True
+
+    def disable(self) -> None:
+        """Neither load nor save from now on."""
+        self._enabled = False
+
+    def flush(self) -> None:
+        """Keep all files: a digest names its content, none is out of date."""
+
+    def _path(self, sig: Any, codegen: Any) -> str:  # noqa: ANN401 - of numba
+        """Return where the machine code of a signature is for this processor and these versions."""
+        function = self._kernel.py_func
+        depends_on = (
+            repr(sig),
+            repr(codegen.magic_tuple()),
+            numba.__version__,
+            platform.python_version(),
+            _described(function.__name__, self._kernel),
+        )
+        digest = hashlib.sha256("\n".join(depends_on).encode()).hexdigest()
+        name = re.sub(r"\W", "_", function.__qualname__)
+        return os.path.join(_kernel_folder(), f"{name}-{digest[:32]}.kernel")
+
+
+_UNUSED: Any = None
+"""`check_cachable` does not look at its cache."""
+
+
+def _write(path: str, content: bytes) -> None:
+    """Write a file whole or not at all, also beside other processes that write the same."""
+    part = f"{path}.{uuid.uuid4().hex}.part"
+    try:
+        with open(part, "xb") as file:
+            file.write(content)
+        os.replace(part, path)
+    except OSError:
+        _remove(part)
+        raise
+
+
+def _remove(path: str) -> None:
+    try:
+        os.unlink(path)
+    except OSError:
+        return
+
+
+def fingerprint(function: FunctionType) -> str:
+    """Return a digest of all that the machine code of `function` depends on.
+
+    That is its byte code, its constants without the docstring, and the globals that it reads, the
+    kernels that it calls included with their own fingerprints and options.
+
+    Raises:
+        TypeError: a global is neither a module, a kernel, a function of a library, an enumeration,
+            a named tuple, the type of a record, a number nor a tuple.
+    """
+    code = function.__code__
+    constants = [value for value in code.co_consts if value is not function.__doc__]
+    parts = [code.co_code.hex(), repr(constants), repr(code.co_names)]
+    for name in code.co_names:
+        if name in function.__globals__:
+            parts.append(f"{name} = {_described(name, function.__globals__[name])}")
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _described(name: str, value: object) -> str:
+    match value:
+        case Dispatcher():
+            return f"{_options(value)} {fingerprint(value.py_func)}"
+        case _Intrinsic():
+            return inspect.getsource(inspect.getmodule(value._defn) or value._defn)
+        case EnumType():
+            return repr(list(value))
+        case type() if issubclass(value, tuple):  # a named one
+            return repr(getattr(value, "_fields", ()))
+        case ModuleType():
+            return value.__name__
+        case ExternalFunction() | np.dtype():
+            return repr(value)
+        case bool() | int() | float() | tuple():
+            return repr(value)
+        case _:
+            raise TypeError(f"{name}: a kernel cannot depend on a global {type(value).__name__}")
+
+
+def _options(kernel: Dispatcher) -> list[str]:
+    """Return the options of a kernel in an order that does not change between processes."""
+    return sorted(
+        f"{name}={sorted(value) if isinstance(value, set) else value}"
+        for name, value in kernel.targetoptions.items()
+    )
