@@ -34,21 +34,21 @@ import pytest
 from gymnasium.error import Error
 from proving_ground.experiments.commands.cli import main as ttempc
 from proving_ground.experiments.errors import ExperimentError
-from proving_ground.experiments.gym_env.environment import FieldTrial
+from proving_ground.experiments.interfaces.gym_env.environment import FieldTrial
+from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol, frame
+from proving_ground.experiments.interfaces.serve.session import SessionSettings
 from proving_ground.experiments.papers.tables import markdown
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol, frame
-from proving_ground.experiments.serve.session import SessionSettings
-from proving_ground.experiments.sweep.results import rows
+from proving_ground.experiments.studies.sweep.results import rows
 from proving_ground.testbed.errors import TestbedError
 from proving_ground.testbed.log.model_whitelist import check_model
 from proving_ground.testbed.log.reader import message_class, read_content, row_fields
 from proving_ground.testbed.log.writer import begin_log
 from proving_ground.testbed.recording import channels as ch
 
-from tests.experiments.serve import test_session
-from tests.experiments.serve.test_agopengps import steering_frame
+from tests.experiments.interfaces.serve import test_session
+from tests.experiments.interfaces.serve.test_agopengps import steering_frame
 from tests.testbed.log import test_log_integrity
 from ttempc import Guidance, Measurement, Sensor, Vehicle, figure_eight
 from ttempc.errors import TtempcError

@@ -1,7 +1,7 @@
 """A scenario's plant on the bench."""
 
+from proving_ground.experiments.pictures.report.validation_report import bench
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.validation.validation_report import bench
 
 
 def bench_of(name, *overrides):

@@ -115,7 +115,7 @@ def test_the_proving_ground_is_one_package_that_requires_the_library(wheels):
     names, required = content(wheels[1])
     tops = {name.partition("/")[0].partition("-")[0] for name in names}
     assert tops == {"proving_ground", "ttempc_proving_ground"}
-    assert "proving_ground/experiments/trials/bench.py" in names
+    assert "proving_ground/experiments/studies/trials/bench.py" in names
     assert not [name for name in names if name.startswith("proving_ground/experiments/papers")]
     assert {"ttempc", "mujoco"} <= required
 

@@ -18,8 +18,8 @@ from typing import Any, Final
 
 import numpy as np
 import tomli_w
-from proving_ground.experiments.gym_env import ENVIRONMENT_ID
-from proving_ground.experiments.gym_env.policy import (
+from proving_ground.experiments.interfaces.gym_env import ENVIRONMENT_ID
+from proving_ground.experiments.interfaces.gym_env.policy import (
     ESTIMATE_NAMES,
     EstimateObserver,
     add_residual,

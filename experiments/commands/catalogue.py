@@ -59,7 +59,7 @@ def _groups() -> dict[str, dict[str, str]]:
     from ...testbed.vehicle.vehicle import VEHICLES, read_vehicle
     from ..scenario.scenario import load, shipped
     from ..scenario.tube_file import shipped_tubes
-    from ..sweep.study import load_study, shipped_studies
+    from ..studies.sweep.study import load_study, shipped_studies
 
     return {
         "scenarios": {name: load(name)[1].description for name in shipped()},

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from ..errors import NoGraphics
 from ..output import make_folder, progress, write_file
-from ..warm_up import compile_in_two_processes
+from ..run.warm_up import compile_in_two_processes
 from . import options
 from .options import command, json_of, option, out, refuse_given
 
@@ -107,8 +107,8 @@ def demo(arguments: argparse.Namespace) -> int:
     The film is an animated WebP, which plays in a browser; without OpenGL it is seen from above.
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..film.render import Film
-    from ..film.settings import Camera, FilmSettings
+    from ..pictures.film.render import Film
+    from ..pictures.film.settings import Camera, FilmSettings
     from ..run.assembly import assemble
     from ..run.simulate import run
 
@@ -251,8 +251,8 @@ def serve(arguments: argparse.Namespace) -> int:
     Exit codes as of `ttempc run`; 2 also where no peer came.
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..serve.link import Link, address_of, is_local, peer_of, text_of
-    from ..serve.session import PROTOCOLS, SessionSettings, serve
+    from ..interfaces.serve.link import Link, address_of, is_local, peer_of, text_of
+    from ..interfaces.serve.session import PROTOCOLS, SessionSettings, serve
 
     if arguments.step:
         refuse_given(arguments, ("speed",), "has no meaning with --step, which keeps no pace")
@@ -297,7 +297,7 @@ def validate(arguments: argparse.Namespace) -> int:
     paper, the checks as JSON, the figures. Exit code 1 if a check fails.
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..validation.validation_report import format_check, validation_report
+    from ..pictures.report.validation_report import format_check, validation_report
 
     name, scenario = options.load_scenario(arguments)
     stem = f"{name}-validation-{scenario.plant.wheels}"

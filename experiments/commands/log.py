@@ -146,8 +146,8 @@ def tube(arguments: argparse.Namespace) -> int:
     """
     # Imported here so that --help does not load MuJoCo.
     from ..scenario.tube_file import to_json
-    from ..tubes.calibration import calibrate_tube, driven_run, format_calibration
-    from ..tubes.fit import COVERAGE, fit_run, fit_tube, format_fit, read_runs
+    from ..studies.tubes.calibration import calibrate_tube, driven_run, format_calibration
+    from ..studies.tubes.fit import COVERAGE, fit_run, fit_tube, format_fit, read_runs
 
     if arguments.laps_coverage is not None and arguments.coverage is not None:
         raise BadOptions("--coverage: not with --laps-coverage, which keeps the set of the tube")

@@ -35,8 +35,8 @@ def render(arguments: argparse.Namespace) -> int:
       ttempc render RUN --ghost reference --ghost other/log.mcap
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..film.render import STILL_SUFFIXES, Film
-    from ..film.settings import FRAME_RATE, FilmSettings
+    from ..pictures.film.render import STILL_SUFFIXES, Film
+    from ..pictures.film.settings import FRAME_RATE, FilmSettings
 
     at_s, log = arguments.at_s, arguments.log
     ending = f"{arguments.camera}.mp4" if at_s is None else f"{arguments.camera}-{at_s:g}.png"
@@ -98,8 +98,8 @@ def report(arguments: argparse.Namespace) -> int:
 
 def _page_of_sweep(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load matplotlib.
-    from ..sweep_report.report import make_report, write_report
-    from ..sweep_report.runs import read_sweep
+    from ..pictures.sweep_report.report import make_report, write_report
+    from ..pictures.sweep_report.runs import read_sweep
 
     refuse_given(arguments, ("out",), "the report of a sweep lies in its folder")
     runs = read_sweep(arguments.source, arguments.limit)
@@ -125,11 +125,11 @@ def _figures_of(source: Path) -> Mapping[str, Callable[[], Figure]]:
     """Return the functions that draw the figures of a log or of a sweep."""
     if not source.is_dir():
         from ...testbed.log.reader import read_log
-        from ..figures.export import run_figures
+        from ..pictures.figures.export import run_figures
 
         return run_figures(read_log(source))
-    from ..sweep_report.report import make_report, panel_figures
-    from ..sweep_report.runs import read_sweep
+    from ..pictures.sweep_report.report import make_report, panel_figures
+    from ..pictures.sweep_report.runs import read_sweep
 
     return panel_figures(make_report(read_sweep(source)))
 
@@ -142,7 +142,7 @@ def _write_figures(
     Raises:
         BadOptions: an option has no such value; nothing is written.
     """
-    from ..figures.export import FORMATS, WIDTHS_CM, export_figures
+    from ..pictures.figures.export import FORMATS, WIDTHS_CM, export_figures
 
     formats = tuple((arguments.formats or "png").split(","))
     if unknown := [name for name in formats if name not in FORMATS]:
@@ -177,7 +177,7 @@ def compare(arguments: argparse.Namespace) -> int:
     ttempc compare runs/grass-pid-1 runs/grass-ttempc-1
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..figures.comparison_figures import comparison_figures
+    from ..pictures.figures.comparison_figures import comparison_figures
     from ..results.run_comparison import (
         STATISTICS_FILE,
         comparison_csv,

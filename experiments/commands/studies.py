@@ -16,9 +16,9 @@ from . import options
 from .options import Group, command, option, out, refuse_given
 
 if TYPE_CHECKING:
-    from ..search.limit import Limit
-    from ..search.rays import Report
-    from ..sweep.sweep import Progress
+    from ..studies.search.limit import Limit
+    from ..studies.search.rays import Report
+    from ..studies.sweep.sweep import Progress
 
 
 @command(
@@ -44,13 +44,13 @@ def sweep(arguments: argparse.Namespace) -> int:
     run has a row, whatever its status, 130 if the sweep was interrupted.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..sweep.dry_run import format_plan
-    from ..sweep.engine import engine
-    from ..sweep.folder import is_begun, lock_folder
-    from ..sweep.plan import SweepPlan
-    from ..sweep.results import rows
-    from ..sweep.study import load_study
-    from ..sweep.sweep import sweep
+    from ..studies.sweep.dry_run import format_plan
+    from ..studies.sweep.engine import engine
+    from ..studies.sweep.folder import is_begun, lock_folder
+    from ..studies.sweep.plan import SweepPlan
+    from ..studies.sweep.results import rows
+    from ..studies.sweep.study import load_study
+    from ..studies.sweep.sweep import sweep
 
     name, study = load_study(arguments.study)
     plan = SweepPlan(name, study, trusted=arguments.trust)
@@ -132,8 +132,8 @@ def limit(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and Dask.
     from ..run.user_code import named_parts, refuse_untrusted
     from ..scenario.scenario import read_scenario
-    from ..search.limit import limit_file, read_question
-    from ..sweep.engine import engine
+    from ..studies.search.limit import limit_file, read_question
+    from ..studies.sweep.engine import engine
 
     draft = read_scenario(arguments.scenario)
     name = arguments.quantity.partition("=")[0]
@@ -186,9 +186,9 @@ def rays(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and Dask.
     from ..run.assembly import check
     from ..scenario.scenario import read_scenario
-    from ..search.quantities import read_subject
-    from ..search.rays import STEPS, search_rays
-    from ..sweep.engine import engine
+    from ..studies.search.quantities import read_subject
+    from ..studies.search.rays import STEPS, search_rays
+    from ..studies.sweep.engine import engine
 
     name, scenario = options.load_scenario(arguments)
     check(scenario)
@@ -295,7 +295,12 @@ def bench(arguments: argparse.Namespace) -> int:
     if sum(map(bool, asked)) != 1:
         raise BadOptions("bench: give CONTROLLER, or one of --compare, --draw-seeds")
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..trials.score_card import compare_cards, draw_hidden, format_comparison, read_score_card
+    from ..studies.trials.score_card import (
+        compare_cards,
+        draw_hidden,
+        format_comparison,
+        read_score_card,
+    )
 
     if arguments.compare:
         print(format_comparison(compare_cards(*map(read_score_card, arguments.compare))))
@@ -309,9 +314,9 @@ def bench(arguments: argparse.Namespace) -> int:
 
 
 def _bench(arguments: argparse.Namespace) -> int:
-    from ..sweep.engine import engine
-    from ..trials.bench import Entrant, bench
-    from ..trials.score_card import PUBLIC, format_card, hidden_draws, public_draws
+    from ..studies.sweep.engine import engine
+    from ..studies.trials.bench import Entrant, bench
+    from ..studies.trials.score_card import PUBLIC, format_card, hidden_draws, public_draws
 
     if arguments.seeds_file is None:
         draws = public_draws(PUBLIC[:1] if arguments.quick else PUBLIC)

@@ -10,8 +10,8 @@ from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY, read_content, rec
 from ...testbed.recording.channels import CHANNELS, EVENT_TOPIC, STATE
 from ...testbed.recording.record import Record
 from ..errors import InvalidReplay
-from ..figures import draw
-from ..report.run_report import render_run_report
+from ..pictures.figures import draw
+from ..pictures.report.run_report import render_run_report
 from ..results.summary import RunFacts, Status, summarise
 from ..run.simulate import BEGINS, ENDS, versions_of
 from ..scenario.scenario import ScenarioFile, identity

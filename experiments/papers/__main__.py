@@ -18,7 +18,7 @@ from ttempc.errors import TtempcError
 
 from ...testbed.errors import TestbedError
 from ..errors import ExperimentError
-from ..sweep_report.format import format_numbers
+from ..pictures.sweep_report.format import format_numbers
 from .pages import ROOT, pages_of_tables
 from .runner import Runner, check, holds, write_tables
 from .study import Study, all_studies

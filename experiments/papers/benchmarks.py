@@ -44,14 +44,14 @@ from ...testbed.vehicle.vehicle import PlantVehicle
 from ..run.assembly import assemble
 from ..run.simulate import describe, drive_into, open_log
 from ..scenario.scenario import load
-from ..sweep.engine import engine
-from ..sweep.folder import Origin, SweepFolder
-from ..sweep.plan import SweepPlan
-from ..sweep.results import rows
-from ..sweep.row import Row
-from ..sweep.study import ListAxis
-from ..sweep.study import Study as SweepStudy
-from ..sweep.sweep import sweep
+from ..studies.sweep.engine import engine
+from ..studies.sweep.folder import Origin, SweepFolder
+from ..studies.sweep.plan import SweepPlan
+from ..studies.sweep.results import rows
+from ..studies.sweep.row import Row
+from ..studies.sweep.study import ListAxis
+from ..studies.sweep.study import Study as SweepStudy
+from ..studies.sweep.sweep import sweep
 from ..threads import use_one_thread
 from .memory import peak_mb
 from .studies.effects import BASE, EFFECTS

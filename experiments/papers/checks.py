@@ -25,8 +25,8 @@ from ..run.assembly import assemble
 from ..run.simulate import drive_into
 from ..scenario.scenario import Scenario, load
 from ..seeds import FIRST
-from ..sweep.plan import SweepPlan
-from ..sweep.study import load_study
+from ..studies.sweep.plan import SweepPlan
+from ..studies.sweep.study import load_study
 from .pages import ROOT
 
 CHECK_S: Final = 20.0  # simulated: a straight, the blend and the first metres of a curve

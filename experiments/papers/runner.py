@@ -18,14 +18,14 @@ from tqdm import tqdm
 from ...testbed.recording.provenance import code_digest, versions
 from ..errors import InvalidRows
 from ..output import write_file
-from ..sweep.engine import Engine, engine, imap_bounded
-from ..sweep.folder import is_begun, lock_folder
-from ..sweep.plan import SweepPlan
-from ..sweep.results import read_frame
-from ..sweep.study import load_study
-from ..sweep.sweep import sweep
-from ..sweep_report.format import format_numbers
-from ..sweep_report.runs import read_sweep
+from ..pictures.sweep_report.format import format_numbers
+from ..pictures.sweep_report.runs import read_sweep
+from ..studies.sweep.engine import Engine, engine, imap_bounded
+from ..studies.sweep.folder import is_begun, lock_folder
+from ..studies.sweep.plan import SweepPlan
+from ..studies.sweep.results import read_frame
+from ..studies.sweep.study import load_study
+from ..studies.sweep.sweep import sweep
 from .checks import (
     OUTCOMES,
     Check,

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from ..results.summary import Summary
 from ..run.simulate import simulate
 from ..scenario.scenario import load
-from ..sweep.row import figures
-from ..sweep.study import load_study
+from ..studies.sweep.row import figures
+from ..studies.sweep.study import load_study
 from .checks import Check, scenario_check, sweep_checks
 
 if TYPE_CHECKING:

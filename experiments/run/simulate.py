@@ -162,8 +162,8 @@ def run(
     files["summary"] = folder / "summary.json"
     write_file(files["summary"], summary.to_json())
     # Here, because matplotlib takes a second to load: a run starts without it.
-    from ..figures import draw
-    from ..report.run_report import render_run_report
+    from ..pictures.figures import draw
+    from ..pictures.report.run_report import render_run_report
 
     pictures = draw(record)
     for figure, content in pictures.items():

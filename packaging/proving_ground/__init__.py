@@ -19,8 +19,8 @@ from ttempc import __version__
 if TYPE_CHECKING:
     from .experiments.run.simulate import run, simulate
     from .experiments.scenario.scenario import Scenario, load
-    from .experiments.sweep.engine import engine
-    from .experiments.sweep.sweep import drive_points
+    from .experiments.studies.sweep.engine import engine
+    from .experiments.studies.sweep.sweep import drive_points
     from .testbed.log.reader import read_log
     from .testbed.recording.record import Record
 
@@ -42,8 +42,8 @@ __all__ = [
 _MODULE_OF = {
     "Record": "testbed.recording.record",
     "Scenario": "experiments.scenario.scenario",
-    "drive_points": "experiments.sweep.sweep",
-    "engine": "experiments.sweep.engine",
+    "drive_points": "experiments.studies.sweep.sweep",
+    "engine": "experiments.studies.sweep.engine",
     "load": "experiments.scenario.scenario",
     "read_log": "testbed.log.reader",
     "run": "experiments.run.simulate",

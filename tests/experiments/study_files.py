@@ -1,7 +1,7 @@
 """Studies for tests: a few metres of straight path, a fraction of a second per run."""
 
-from proving_ground.experiments.sweep.plan import SweepPlan
-from proving_ground.experiments.sweep.study import load_study
+from proving_ground.experiments.studies.sweep.plan import SweepPlan
+from proving_ground.experiments.studies.sweep.study import load_study
 
 SHORT = """
 [set.path]

@@ -1,9 +1,9 @@
 """Sweeps of synthetic rows, for tests of their reports."""
 
-from proving_ground.experiments.sweep.engine import engine
-from proving_ground.experiments.sweep.folder import lock_folder
-from proving_ground.experiments.sweep.row import no_figures
-from proving_ground.experiments.sweep.sweep import sweep
+from proving_ground.experiments.studies.sweep.engine import engine
+from proving_ground.experiments.studies.sweep.folder import lock_folder
+from proving_ground.experiments.studies.sweep.row import no_figures
+from proving_ground.experiments.studies.sweep.sweep import sweep
 from proving_ground.testbed.randomness import generator
 
 from tests.experiments.study_files import plan_of

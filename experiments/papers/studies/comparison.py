@@ -10,12 +10,12 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from ...pictures.sweep_report.format import format_estimate
 from ...results.statistics import IntervalEstimate, caveat, holm, mean, paired_p
 from ...results.summary import ACTUATOR_USE
 from ...seeds import TUNED_FIELDS
-from ...sweep.results import WORKING_P95
-from ...sweep.study import DrawnAxis, load_study
-from ...sweep_report.format import format_estimate
+from ...studies.sweep.results import WORKING_P95
+from ...studies.sweep.study import DrawnAxis, load_study
 from ..study import Study
 from ..tables import markdown
 

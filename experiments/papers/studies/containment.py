@@ -15,8 +15,8 @@ from ...run.simulate import simulate
 from ...scenario.scenario import Scenario, load
 from ...scenario.tube_file import PointHalfWidths, TubeFile, read_tube, to_json
 from ...seeds import FITTING, report_seeds
-from ...tubes.calibration import calibrate_tube, driven_run
-from ...tubes.fit import fit_run, fit_tube
+from ...studies.tubes.calibration import calibrate_tube, driven_run
+from ...studies.tubes.fit import fit_run, fit_tube
 from ..runner import Runner
 from ..study import Case, Row, Study
 from ..tables import grouped, label, lost, mean, slash

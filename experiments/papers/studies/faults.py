@@ -21,7 +21,7 @@ from ...run.assembly import assemble
 from ...run.simulate import drive_into
 from ...scenario.scenario import load, shipped
 from ...seeds import report_seeds
-from ...trials.definition import trial, trial_files
+from ...studies.trials.definition import trial, trial_files
 from ..study import Case, Row, Study
 from ..tables import Cell, grouped, groups, label, numbers
 

@@ -18,12 +18,12 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ....testbed.recording.provenance import code_digest
+from ...pictures.sweep_report.format import format_numbers
 from ...results.statistics import resampled_means
 from ...seeds import CHECKS
-from ...sweep_report.format import format_numbers
-from ...trials.bench import Entrant, bench
-from ...trials.definition import trial_files, weights
-from ...trials.score_card import (
+from ...studies.trials.bench import Entrant, bench
+from ...studies.trials.definition import trial_files, weights
+from ...studies.trials.score_card import (
     LOSS_M,
     MARGIN,
     PUBLIC,

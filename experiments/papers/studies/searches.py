@@ -8,11 +8,11 @@ import numpy as np
 
 from ...results.statistics import mean, proportion
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario
-from ...search.quantities import read_subject
-from ...search.rays import RAYS, Report, search_rays
 from ...seeds import report_seeds
-from ...sweep.engine import engine
-from ...trials.score_card import MARGIN
+from ...studies.search.quantities import read_subject
+from ...studies.search.rays import RAYS, Report, search_rays
+from ...studies.sweep.engine import engine
+from ...studies.trials.score_card import MARGIN
 from ..runner import Runner
 from ..study import Study
 from ..tables import markdown

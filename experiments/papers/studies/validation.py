@@ -4,8 +4,8 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+from ...pictures.report.validation_report import figure_text, validation_report
 from ...scenario.scenario import load, shipped
-from ...validation.validation_report import figure_text, validation_report
 from ..runner import Runner
 from ..study import Block, Study
 from ..tables import markdown

@@ -10,7 +10,7 @@ from ttempc.types import FloatArray
 
 from ...results.statistics import proportion
 from ...seeds import FITTING, report_seeds
-from ...tubes.calibration import calibrated_widths
+from ...studies.tubes.calibration import calibrated_widths
 from ..runner import Runner
 from ..study import Case, Study
 from ..tables import Cell, grouped, groups, label, markdown, numbers, slash

@@ -20,7 +20,7 @@ from proving_ground.experiments.output import write_file
 from proving_ground.experiments.scenario.scenario import Scenario, dump, load, read_scenario
 from proving_ground.experiments.scenario.schema import json_schema
 from proving_ground.experiments.scenario.waypoint_file import read_waypoints
-from proving_ground.experiments.sweep.study import load_study
+from proving_ground.experiments.studies.sweep.study import load_study
 from proving_ground.testbed.errors import InvalidField, InvalidPlant, TestbedError
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.vehicle.vehicle import read_vehicle

@@ -10,8 +10,8 @@ from proving_ground.experiments.papers.pages import ROOT, blocks
 from proving_ground.experiments.papers.studies import comparison as module
 from proving_ground.experiments.papers.studies import leaderboard
 from proving_ground.experiments.results.summary import ACTUATOR_USE
-from proving_ground.experiments.sweep.results import frame
-from proving_ground.experiments.sweep.row import no_figures
+from proving_ground.experiments.studies.sweep.results import frame
+from proving_ground.experiments.studies.sweep.row import no_figures
 from proving_ground.testbed.randomness import generator
 
 FIELDS = ("grass", "old-valves", "split", "wet-slope")

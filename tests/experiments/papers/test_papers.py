@@ -20,7 +20,7 @@ from proving_ground.experiments.papers.pages import ROOT, blocks, pages_of_table
 from proving_ground.experiments.papers.runner import Runner, check, write_tables
 from proving_ground.experiments.papers.study import Block, Case, Study, all_studies, lap
 from proving_ground.experiments.seeds import FITTING, TUNING
-from proving_ground.experiments.sweep.study import load_study, shipped_studies
+from proving_ground.experiments.studies.sweep.study import load_study, shipped_studies
 
 from tests.experiments.study_files import CONTROLLERS, SHORT
 

@@ -17,7 +17,7 @@ from proving_ground.experiments.scenario.tube_file import (
     read_tube,
 )
 from proving_ground.experiments.seeds import FITTING, report_seeds
-from proving_ground.experiments.sweep.row import FIGURES
+from proving_ground.experiments.studies.sweep.row import FIGURES
 from scipy.stats import gumbel_r
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'

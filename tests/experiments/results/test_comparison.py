@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.figures.comparison_figures import COMPARISONS
+from proving_ground.experiments.pictures.figures.comparison_figures import COMPARISONS
 from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from proving_ground.experiments.errors import InvalidScenario
-from proving_ground.experiments.figures import FIGURES, draw
+from proving_ground.experiments.pictures.figures import FIGURES, draw
 from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.table import WIDTH, format_run
 from proving_ground.experiments.run.assembly import assemble, check

@@ -11,7 +11,7 @@ from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.run.user_code import exits_raise
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.sweep.engine import engine
+from proving_ground.experiments.studies.sweep.engine import engine
 from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.simulation.loop import with_stages

@@ -9,7 +9,7 @@ from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.controller import NoiseSettings
 from proving_ground.experiments.scenario.scenario import dump, load
-from proving_ground.experiments.tubes.fit import fit_run
+from proving_ground.experiments.studies.tubes.fit import fit_run
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
 
 from tests.experiments.study_files import SHORT as SHORT_STUDY

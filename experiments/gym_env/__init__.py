@@ -1,9 +1,0 @@
-"""Gymnasium environment of the proving ground; importing it registers `ttempc/FieldTrial-v2`."""
-
-import gymnasium
-
-ENVIRONMENT_ID = "ttempc/FieldTrial-v2"
-
-gymnasium.register(
-    ENVIRONMENT_ID, entry_point="proving_ground.experiments.gym_env.environment:FieldTrial"
-)

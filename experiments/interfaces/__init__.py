@@ -1,0 +1,1 @@
+"""Runs that something else drives: over UDP, as a Gymnasium environment."""

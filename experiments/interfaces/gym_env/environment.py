@@ -1,0 +1,291 @@
+"""Environment of Gymnasium: one run of a scenario, a control period a step."""
+
+import math
+from collections.abc import Generator, Sequence
+from typing import Any, Final, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from ttempc.layout import TICK
+from ttempc.reference.reference import Reference
+from ttempc.types import Command, Controller, Estimate, FloatArray
+from ttempc.vehicle import CommandLimits, Vehicle
+
+from ....testbed.recording.record import Tee
+from ....testbed.simulation.loop import (
+    Outcome,
+    estimate,
+    log_timing,
+    log_truth,
+    periods,
+    prepare,
+    sense,
+)
+from ....testbed.simulation.setup import SimulationSetup, TickContext
+from ....testbed.terminal import one_line
+from ....testbed.truth import Truth
+from ...errors import BadOptions, InvalidScenario
+from ...run.assembly import assemble, check, model_vehicle
+from ...run.shared_parts import SharedParts
+from ...run.user_code import named_parts, refuse_untrusted
+from ...scenario.scenario import parse_overrides, read_scenario
+from .policy import ESTIMATE_NAMES, EstimateObserver, add_residual, bounds, half_range
+
+ERROR_M: Final = 0.1
+"""Distance of both points from their reference that costs 1; assumed."""
+
+EFFORT: Final = 0.1
+"""Cost where all commands change as fast as the vehicle allows; assumed: as an error of 3 cm."""
+
+LARGEST_COST: Final = 100.0
+"""Of a period: that of 1 m; assumed."""
+
+_LEFT_OUT: Final = (prepare, log_truth, log_timing)  # of real time and the log
+_SEEDS: Final = 2**32  # as of `ttempc run --seed`
+
+Action = Literal["command", "residual"]
+Entries = NDArray[np.float32]
+
+
+def _one_of(given: object, *allowed: object) -> bool:
+    return any(type(given) is type(one) and given == one for one in allowed)
+
+
+def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int) -> float:
+    """Return the reward of a period.
+
+        reward = -min(mean((e / ERROR_M)^2) + EFFORT mean(c^2), LARGEST_COST)
+
+    The periods that are left when a vehicle is lost have the largest cost, so that no policy gains
+    by ending its run early. `errors_m`: true distances e of both points from their references;
+    `change`: those c of the commands in a period, as shares of the largest ones.
+    """
+    error = sum(e * e for e in errors_m) / (len(errors_m) * ERROR_M**2)
+    effort = sum(c * c for c in change) / len(change)
+    return -min(error + EFFORT * effort, LARGEST_COST) - LARGEST_COST * periods_lost
+
+
+class FieldTrial(gymnasium.Env[Entries, Entries]):
+    """A run of a scenario; `reset(seed=N)` starts that of `ttempc run --seed N`.
+
+    Estimator and supervisor of the run stay in place; the action replaces the
+    command of the controller, or is added to it. `observation_names` has the entries of what a
+    policy sees.
+
+    Args:
+        scenario: name of a scenario that ships, or path of a TOML file.
+        overrides: lines `key.key=value` that replace values of the scenario.
+        action: "command", or "residual" on the controller of the scenario.
+        normalised: whether a command of -1 to 1 spans the vehicle's limits and entries of the
+            observation are scaled to -1 to 1; else both are in the units of their names. A residual
+            is always from -1 to 1.
+        residual_share: of half the range of a command that a residual of 1 adds.
+        trust: whether code that the scenario file names may run.
+        render_mode: "rgb_array": `render` returns a picture of the vehicle; None: it draws nothing.
+
+    Raises:
+        BadOptions: an argument has none of the allowed values.
+        NoGraphics: pictures are asked for and off-screen OpenGL is unavailable.
+        ExperimentError, TestbedError, TtempcError: as a run of the scenario.
+    """
+
+    observation_names = ESTIMATE_NAMES
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 - Gymnasium's own
+
+    def __init__(
+        self,
+        scenario: str = "grass",
+        overrides: Sequence[str] = (),
+        *,
+        action: Action = "command",
+        normalised: bool = True,
+        residual_share: float = 0.25,
+        trust: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        share, listed = residual_share, isinstance(overrides, list | tuple)
+        texts = listed and all(isinstance(one, str) for one in overrides)
+        for right, name, allowed, given in (
+            (isinstance(scenario, str), "scenario", "a text", scenario),
+            (texts, "overrides", "a list of texts", overrides),
+            (_one_of(action, "command", "residual"), "action", "command or residual", action),
+            (isinstance(normalised, bool), "normalised", "True or False", normalised),
+            (isinstance(share, int | float) and 0.0 < share <= 1.0, "residual_share",
+             "above 0 and at most 1", share),
+            (isinstance(trust, bool), "trust", "True or False", trust),
+            (_one_of(render_mode, None, "rgb_array"), "render_mode", "rgb_array or None",
+             render_mode),
+        ):  # fmt: skip
+            if not right:
+                raise BadOptions(one_line(f"{name}: must be {allowed}, got {given!r}"))
+        source, changes = read_scenario(scenario), parse_overrides(overrides)
+        self._scenario = source.scenario(changes, changed_by="overrides")
+        if not trust:
+            refuse_untrusted(source.file, named_parts(self._scenario), changes)
+        check(self._scenario)
+        self._residual, self._share = action == "residual", residual_share
+        vehicles, mission = self._scenario.vehicles(), self._scenario.mission()
+        self._vehicle = model_vehicle(mission, self._scenario, vehicles)
+        self._limits = CommandLimits.of(self._vehicle, self._scenario.control.period_s)
+        largest, scale = bounds(ESTIMATE_NAMES)
+        self._scale = scale.astype(np.float32) if normalised else None
+        largest = np.ones(len(scale), np.float32) if normalised else largest.astype(np.float32)
+        self.observation_space = Box(-largest, largest, dtype=np.float32)
+        self._normalised = normalised and not self._residual
+        low, high = (self._limits.lower, self._limits.upper)
+        if normalised or self._residual:
+            low, high = -np.ones(3), np.ones(3)
+        self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        self.render_mode, self._camera = render_mode, None
+        if render_mode:
+            from .picture import Camera
+
+            self._camera = Camera()
+        self._parts = SharedParts(terrains=1, controllers=1)
+        self._action = np.zeros(3)  # as the controller takes it
+        self._run: Generator[TickContext, None, Outcome] | None = None
+
+    @property
+    def truth(self) -> Truth:
+        """True state of the plant at the present tick, for tests and for critics of a policy."""
+        return self._tick.now
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Entries, dict[str, Any]]:
+        """Start the run of a seed, by default of the next one of the environment's generator.
+
+        Raises:
+            BadOptions: the seed is above 2**32 - 1.
+        """
+        super().reset(seed=seed, options=options)
+        if seed is not None and seed >= _SEEDS:
+            raise BadOptions(f"seed: must be from 0 to {_SEEDS - 1}, got {seed}")
+        run_seed = int(self.np_random.integers(_SEEDS)) if seed is None else seed
+        assembly = assemble(self._scenario, run_seed, self._controller, self._parts)
+        self._reference, period_s = assembly.guidance.reference, assembly.guidance.period_s
+        self._setup: SimulationSetup = assembly.setup(Tee(), 1.0 / period_s)
+        self._guidance, self._ticks = assembly.guidance, assembly.ticks
+        stages = tuple(stage for stage in assembly.stages if stage not in _LEFT_OUT)
+        self._run = periods(self._setup, self._ticks, stages, lambda k: None)
+        self._sent = self._limits.clamp(self._reference.at(0.0).inputs)
+        self._estimates = EstimateObserver(self._reference, period_s)
+        outcome = self._proceed()
+        if outcome is not None:
+            raise InvalidScenario(f"reset: the run ended before it started: {outcome.failure}")
+        return self._observe(), {"seed": run_seed, "time_s": 0.0}
+
+    def step(self, action: Entries) -> tuple[Entries, float, bool, bool, dict[str, Any]]:
+        """Drive a control period.
+
+        `info` has the distances of both points from their references, the fallback of the
+        supervisor where one acted, and at the end status, failure and time of the run.
+
+        Raises:
+            ResetNeeded: the run has ended.
+            ValueError: the action is not of three numbers.
+        """
+        if self._run is None:
+            raise ResetNeeded("step: the run has ended, call reset()")
+        try:
+            values = np.asarray(action)
+            values = values.astype(
+                float, casting="unsafe" if values.dtype == object else "same_kind"
+            )
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(one_line(f"step: the action must be three numbers: {error}")) from None
+        if values.shape != (3,):
+            raise ValueError(f"step: the action has the shape {values.shape}, must be (3,)")
+        if self._normalised:
+            values = np.clip(values, -1.0, 1.0)
+            middle = 0.5 * (self._limits.upper + self._limits.lower)
+            values = middle + half_range(self._limits) * values
+        self._action = values
+        outcome = self._proceed()
+        sent = self._guidance.tick_record.view(TICK)[0]["control"][:, 4].copy()
+        previous, self._sent = self._sent, sent
+        errors = self._errors_m()
+        ended_early = outcome is not None and outcome.status != "completed"
+        left = self._ticks - self._guidance.reference_tick if ended_early else 0
+        change = ((self._sent - previous) / self._limits.step).tolist()
+        gained = reward(errors, change, left)
+        info: dict[str, Any] = {"tractor_error_m": errors[0], "trailer_error_m": errors[1]}
+        if self._tick.fallback:
+            info["fallback"] = self._tick.fallback
+        if outcome is not None:
+            self._run = None
+            info |= {"status": outcome.status, "failure": outcome.failure or ""}
+            info["time_s"] = outcome.duration_s
+            if outcome.status != "invalid":
+                for stage in (sense, estimate):  # of the tick that no command follows
+                    stage(self._setup, self._tick)
+        completed = outcome is not None and not ended_early
+        return self._observe(), gained, ended_early, completed, info
+
+    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return the picture of the camera that follows the vehicle, (480, 640, 3).
+
+        Raises:
+            ResetNeeded: no run was started yet.
+        """
+        if self._camera is None:
+            return None
+        if not hasattr(self, "_setup"):
+            raise ResetNeeded("render: call reset() first")
+        return self._camera.picture(self._setup.plant)
+
+    def _controller(
+        self, vehicle: Vehicle, reference: Reference, period_s: float, **options: object
+    ) -> Controller:
+        """Return the controller that takes the actions; `options` are those of the scenario's."""
+        del options
+        if not self._residual:
+            return _Actions(self)
+        make = self._parts.controller_factory(self._scenario, self._vehicle)
+        inner = make(vehicle, reference, period_s)
+        return add_residual(inner, self._chosen, self._share, reference, period_s)
+
+    def _chosen(self, estimate: Estimate, k: int, sent: FloatArray) -> FloatArray:
+        return self._action
+
+    def _proceed(self) -> Outcome | None:
+        """Run to the next tick that needs a command; return the outcome where there is none."""
+        assert self._run is not None
+        with self._setup.deadline.watch():
+            try:
+                self._tick = next(self._run)
+            except StopIteration as end:
+                return end.value
+        return None
+
+    def _observe(self) -> Entries:
+        tick, k = self._tick, self._guidance.reference_tick
+        assert tick.estimate is not None
+        if self._guidance.reference is not self._reference:  # the model was learnt anew
+            self._reference = self._guidance.reference
+            self._estimates = EstimateObserver(self._reference, self._guidance.period_s)
+        entries = self._estimates.observe(tick.estimate, k, self._sent)
+        return entries if self._scale is None else np.clip(entries / self._scale, -1.0, 1.0)
+
+    def _errors_m(self) -> tuple[float, float]:
+        """Return the true distances of both points from their references [m]."""
+        now, setup = self._tick.now, self._setup
+        # The next tick has begun, unless the run has ended: the reference is that of now.
+        step = self._guidance.reference_tick * setup.control_steps
+        x_t, y_t, _, x_i, y_i = setup.reference_row(step, *now.tractor[:2])[:5].tolist()
+        return math.dist(now.tractor[:2], (x_t, y_t)), math.dist(now.trailer[:2], (x_i, y_i))
+
+
+class _Actions:
+    """Controller whose command is the action of an environment; the supervisor limits it."""
+
+    def __init__(self, environment: FieldTrial) -> None:
+        self._environment = environment
+
+    def step(self, estimate: Estimate, k: int) -> Command:
+        """Return the action as a command."""
+        return Command(*self._environment._action.tolist())

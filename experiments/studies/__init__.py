@@ -1,0 +1,1 @@
+"""Many runs: sweeps, searches, the benchmark's trials, fits of tubes."""

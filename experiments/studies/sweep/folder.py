@@ -1,0 +1,169 @@
+"""Folder of a sweep: its lock, its study and the versions that it was begun with."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from ....testbed.atomic_write import atomic_write, partial_path
+from ....testbed.recording.provenance import code_digest, versions
+from ...errors import SweepRefused, SweepStopped
+from .plan import SweepPlan
+from .results import FILE, rows
+from .row import Row, columns, line
+
+_LOCK: Final = ".lock"
+_STUDY: Final = "study.toml"
+_VERSIONS: Final = "versions.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Provenance of the rows of a folder, besides its study."""
+
+    plan: str  # digest of all scenarios and seeds
+    runs: int  # numbers in the plan
+    code: str  # digest of the source code
+    versions: dict[str, str]
+    machine: str
+    cpus: int
+    refused: int = 0  # of the numbers, those of refused combinations
+    study: str = ""  # name of its file
+
+    @classmethod
+    def here(cls, plan: str, runs: int, refused: int = 0, study: str = "") -> Origin:
+        """Return the origin of rows that this process makes."""
+        machine, cpus = platform.platform(), os.cpu_count() or 1
+        return cls(plan, runs, code_digest(), versions(), machine, cpus, refused, study)
+
+    def dump(self) -> str:
+        """Return the content of `versions.json`."""
+        return json.dumps(asdict(self), indent=2) + "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class SweepFolder:
+    """Locked folder of a sweep; no other process writes to it."""
+
+    path: Path
+    origin: Origin  # of the first sweep in the folder
+
+    @property
+    def results(self) -> Path:
+        """Return the file of the rows."""
+        return self.path / FILE
+
+    @property
+    def logs(self) -> Path:
+        """Return the folder of the logs."""
+        return self.path / "logs"
+
+
+def is_begun(path: Path) -> bool:
+    """Return whether a sweep has been begun in a folder."""
+    return (path / _STUDY).exists()
+
+
+@contextmanager
+def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
+    """Lock a new folder, or that of the same sweep, until the block or the process ends.
+
+    Rows of a study that has grown since are kept under their numbers in the new plan.
+
+    Args:
+        path: of the folder.
+        plan: of the sweep.
+
+    Raises:
+        SweepRefused: the folder has other content, rows of other runs or other versions, or
+            another process has locked it; nothing is changed.
+        InvalidStudy: a scenario of the plan is invalid.
+    """
+    parts = {partial_path(path / name).name for name in (_VERSIONS, _STUDY)}
+    ours = {_LOCK, _VERSIONS, *parts}  # of a sweep that died at its start
+    try:
+        if not is_begun(path) and path.exists() and {item.name for item in path.iterdir()} - ours:
+            raise SweepRefused(f"output folder {path}: holds something else, give another")
+        path.mkdir(parents=True, exist_ok=True)
+        lock = open(path / _LOCK, "a+")  # noqa: SIM115 - closed below
+    except OSError as error:
+        raise SweepRefused(f"output folder {path}: cannot be made: {error.strerror}") from None
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = (path / _LOCK).read_text(encoding="utf-8") or "unknown"
+            raise SweepRefused(
+                f"output folder {path}: another sweep is at work in it (process {holder})"
+            ) from None
+        lock.truncate(0)
+        lock.write(str(os.getpid()))
+        lock.flush()
+        digest, refused = plan.extent().digest, plan.size - plan.run_count
+        origin = Origin.here(digest, plan.size, refused, plan.name)
+        if is_begun(path):
+            origin = _resumed(path, plan, origin)
+        else:
+            _write(path / _VERSIONS, origin.dump())
+            _write(path / _STUDY, plan.study.dump())
+        yield SweepFolder(path, origin)
+
+
+def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
+    """Return the origin of a folder in which this sweep was begun before, perhaps smaller.
+
+    Raises:
+        SweepRefused: it belongs to another sweep; the message says what differs.
+    """
+    begun = Origin(**json.loads((path / _VERSIONS).read_text(encoding="utf-8")))
+    # The commit may differ: the digest says whether the code does.
+    before, after = ({"code": item.code, **item.versions, "commit": ""} for item in (begun, origin))
+    for name in {**before, **after}:
+        if (old := before.get(name)) != (now := after.get(name)):
+            raise SweepRefused(
+                f"output folder {path}: was begun with another {name} ({old}, now {now}); "
+                "give another folder"
+            )
+    same = (path / _STUDY).read_text(encoding="utf-8") == plan.study.dump()
+    if same and begun.plan == origin.plan:
+        return begun
+    origin = replace(origin, versions=begun.versions)
+    kept = _renumbered(path, plan, origin)
+    # The digest of the plan comes last: until it is written, rows are found by their identity.
+    _write(path / _STUDY, plan.study.dump())
+    _write(path / FILE, "".join(map(line, kept)))
+    _write(path / _VERSIONS, origin.dump())
+    return origin
+
+
+def _renumbered(path: Path, plan: SweepPlan, origin: Origin) -> list[Row]:
+    """Return the rows of a folder with the numbers and axes of another plan of the same runs."""
+    rest = {str(row["run_id"]): row for row in rows(path / FILE)} if (path / FILE).exists() else {}
+    kept: list[Row] = []
+    for run in plan.runs() if rest else ():
+        planned = plan[run]
+        if row := rest.pop(plan.identity(planned, origin.versions), None):
+            values = {**row, **planned.setting.axes, "run": run, "point": planned.point}
+            kept.append({name: values[name] for name in columns(plan.study.names)})
+    for row in rest.values():
+        raise SweepRefused(
+            f"output folder {path}: holds {len(rest)} rows of runs that are not in study "
+            f"{plan.name}, such as run {row['run']} ({row['controller']} on {row['scenario']}, "
+            f"seed {row['seed']}); a study may grow, its runs may not change: give another folder"
+        )
+    return kept
+
+
+def _write(file: Path, text: str) -> None:
+    try:
+        with atomic_write(file) as stream:
+            stream.write(text.encode())
+    except OSError as error:
+        raise SweepStopped(f"{file}: cannot be written: {error.strerror}") from None

@@ -1,0 +1,276 @@
+"""Plan of a sweep: scenario and seed of each run, computed from the run's number.
+
+The number counts controllers fastest, then seeds, then points, so that runs that are compared with
+each other end at about the same time. Memory does not grow with the number of runs.
+"""
+
+import functools
+import hashlib
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ttempc.errors import TtempcError
+
+from ....testbed.errors import TestbedError
+from ...errors import ExperimentError, InvalidScenario, InvalidStudy
+from ...run.assembly import check
+from ...run.user_code import named_parts, refuse_untrusted, user_sources
+from ...scenario.scenario import (
+    Scenario,
+    ScenarioFile,
+    dump,
+    identity,
+    list_index,
+    merge_tables,
+    read_scenario,
+)
+from .row import Value
+from .study import MOST_RUNS, Change, Dimension, Scalar, Study, dimensions
+
+_CACHED = 64  # scenarios: those of one point, for all its seeds
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A scenario of the plan with the values of its axes."""
+
+    name: str  # of the scenario file
+    scenario: Scenario
+    toml: str
+    axes: Mapping[str, Value]  # varied keys with their resolved values
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """A run of the plan."""
+
+    run: int
+    point: int
+    seed: int
+    setting: Setting
+
+
+@dataclass(frozen=True, slots=True)
+class PlanExtent:
+    """Size of a plan."""
+
+    runs: int
+    points: int
+    controllers: tuple[str, ...]
+    simulated_s: float  # of all runs, if none terminates early
+    digest: str  # of all scenarios and seeds
+    refused: tuple[str, ...]  # reasons of the combinations that are left out
+
+
+class SweepPlan:
+    """All runs of a study.
+
+    Args:
+        name: of the study.
+        study: content of its file.
+        trusted: whether code that study or scenario names as package.module:factory may run.
+
+    Raises:
+        InvalidScenario: no such scenario.
+        InvalidStudy: it has too many runs.
+    """
+
+    def __init__(self, name: str, study: Study, *, trusted: bool = True) -> None:
+        self.name, self.study, self._trusted = name, study, trusted
+        factors = dimensions(study)
+        self._shared = [factor for factor in factors if not factor.selects_controller]
+        self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
+        self._relative = {key for axis in study.axis if axis.relative for key in axis.names}
+        self._optional = {key for axis in study.axis if axis.optional for key in axis.names}
+        self._seeds = study.point_seeds
+        self._drafts: dict[str, ScenarioFile] = {}
+        for dimension in factors:
+            for entry in dimension.entries:
+                self._draft(str(entry.get("scenario", study.scenario)))
+        self.points = math.prod(len(dimension.entries) for dimension in self._shared)
+        if self.size > MOST_RUNS:
+            raise InvalidStudy(f"study {name}: {self.size} runs, must be {MOST_RUNS} or fewer")
+        self._setting = functools.lru_cache(_CACHED)(
+            lambda point, controller: self.setting(self.changes(point, controller))
+        )
+
+    @property
+    def size(self) -> int:
+        """Return how many run numbers there are, those of refused combinations included."""
+        return self.points * len(self._seeds) * self.controller_count
+
+    @property
+    def controller_count(self) -> int:
+        """Return the number of compared controllers."""
+        return len(self._controllers.entries)
+
+    def __getitem__(self, run: int) -> PlannedRun:
+        """Return a run by its number.
+
+        Raises:
+            InvalidStudy: its scenario is invalid; the message names the values of its axes.
+        """
+        point, seed, controller = self._place(run)
+        return PlannedRun(run, point, self._seeds[seed], self._setting(point, controller))
+
+    def _place(self, run: int) -> tuple[int, int, int]:
+        rest, controller = divmod(run, self.controller_count)
+        return *divmod(rest, len(self._seeds)), controller
+
+    def runs(self) -> Iterator[int]:
+        """Yield the numbers of the runs to drive: all but those of refused combinations."""
+        refused = self.refusals if self.study.skip_refused else {}
+        for run in range(self.size):
+            point, _, controller = self._place(run)
+            if (point, controller) not in refused:
+                yield run
+
+    @property
+    def run_count(self) -> int:
+        """Return the number of runs to drive."""
+        refused = len(self.refusals) if self.study.skip_refused else 0
+        return self.size - refused * len(self._seeds)
+
+    def changes(self, point: int, controller: int = 0) -> dict[str, Scalar]:
+        """Return the values of the axes at a point, relative ones as factors."""
+        changes: dict[str, Scalar] = {}
+        for dimension in reversed(self._shared):
+            point, entry = divmod(point, len(dimension.entries))
+            changes |= dimension.entries[entry]
+        changes |= self._controllers.entries[controller]
+        return {name: changes[name] for name in self.study.names}
+
+    def extent(self) -> PlanExtent:
+        """Check all runs of the plan and return its size.
+
+        Raises:
+            InvalidStudy: a scenario is invalid, and the study does not skip it, or no scenario
+                accepts a controller; the message names the values of the axes.
+        """
+        return self._survey[0]
+
+    @property
+    def refusals(self) -> Mapping[tuple[int, int], InvalidStudy]:
+        """Return the refused pairs of point and controller with their reasons, see `extent`."""
+        return self._survey[1]
+
+    @functools.cached_property
+    def _survey(self) -> tuple[PlanExtent, Mapping[tuple[int, int], InvalidStudy]]:
+        digest, simulated = hashlib.sha256(), 0.0
+        accepted: dict[int, str] = {}  # names of the controllers
+        refusals: dict[tuple[int, int], InvalidStudy] = {}
+        for place in itertools.product(range(self.points), range(self.controller_count)):
+            try:
+                setting = self._setting(*place)
+                ticks = self._ticks(setting)
+            except InvalidStudy as error:
+                if not self.study.skip_refused:
+                    raise
+                refusals[place] = error
+                continue
+            digest.update(setting.toml.encode())
+            simulated += setting.scenario.control.period_s * ticks * len(self._seeds)
+            accepted.setdefault(place[1], setting.scenario.controller.name)
+        for (_, controller), error in refusals.items():
+            if controller not in accepted:
+                raise error
+        digest.update(repr(self._seeds).encode())
+        extent = PlanExtent(
+            runs=self.size - len(refusals) * len(self._seeds),
+            points=self.points,
+            controllers=tuple(dict.fromkeys(accepted.values())),
+            simulated_s=simulated,
+            digest=digest.hexdigest()[:12],
+            refused=tuple(map(str, refusals.values())),
+        )
+        return extent, refusals
+
+    def _ticks(self, setting: Setting) -> int:
+        try:
+            return check(setting.scenario)
+        except (ExperimentError, TestbedError, TtempcError) as error:
+            raise self._refusal(setting.axes, error) from None
+
+    def identity(self, planned: PlannedRun, versions: dict[str, str]) -> str:
+        """Return the `run_id` of a run under these versions."""
+        sources = user_sources(planned.setting.scenario)
+        return identity(planned.setting.toml, planned.seed, {**versions, **sources})
+
+    def setting(self, changes: Change) -> Setting:
+        """Return the scenario at these values of the axes.
+
+        Raises:
+            InvalidStudy: it is invalid.
+        """
+        draft = self._draft(str(changes.get("scenario", self.study.scenario)))
+        tables: dict[str, Any] = {}
+        merge_tables(tables, self.study.set)
+        try:
+            for key, value in changes.items():
+                if key in self._optional and self._lacks(draft, key):
+                    continue
+                if key in self._relative:
+                    value = self._scaled(draft, key, value)
+                _set(tables, key, value)
+            scenario = draft.scenario(tables)
+            if not self._trusted:
+                refuse_untrusted(draft.file, named_parts(scenario), {})
+        except ExperimentError as error:
+            raise self._refusal(changes, error) from None
+        axes = {key: scenario_value(scenario, key, draft.name) for key in changes}
+        return Setting(draft.name, scenario, dump(scenario), axes)
+
+    def _draft(self, name: str) -> ScenarioFile:
+        if name not in self._drafts:
+            self._drafts[name] = read_scenario(name)
+        return self._drafts[name]
+
+    def _lacks(self, draft: ScenarioFile, key: str) -> bool:
+        """Return whether the scenario has no such key without any axis."""
+        try:
+            return scenario_value(draft.scenario(self.study.set), key, draft.name) is None
+        except InvalidScenario:  # a table that its list does not have
+            return True
+
+    def _scaled(self, draft: ScenarioFile, key: str, factor: Scalar) -> float:
+        """Return the factor times the value of the key in the scenario without any axis."""
+        number = scenario_value(draft.scenario(self.study.set), key, draft.name)
+        if isinstance(number, (bool, str)) or number is None or isinstance(factor, (bool, str)):
+            raise InvalidStudy(f"{key}: relative, but {draft.name} has no number there: {number!r}")
+        return number * factor
+
+    def _refusal(self, changes: Mapping[str, Value], error: Exception) -> InvalidStudy:
+        values = ", ".join(f"{key} = {value!r}" for key, value in changes.items())
+        return InvalidStudy(f"study {self.name}: {values or 'its one point'}: {error}")
+
+
+def _set(tables: dict[str, Any], key: str, value: Scalar) -> None:
+    """Set the value of an axis in the tables of a scenario file."""
+    if key == "scenario":
+        return
+    *path, last = ("controller", "name") if key == "controller" else key.split(".")
+    merge_tables(
+        tables, functools.reduce(lambda below, part: {part: below}, path[::-1], {last: value})
+    )
+
+
+def scenario_value(scenario: Scenario, key: str, name: str) -> Value:
+    """Return the value of an axis's key in a resolved scenario, in the key's own type.
+
+    Raises:
+        InvalidStudy: the key is a table.
+    """
+    if key == "scenario":
+        return name
+    value: Any = scenario
+    for part in ("controller", "name") if key == "controller" else key.split("."):
+        if isinstance(value, tuple):
+            value = value[list_index(key, value, part)]
+        else:
+            value = getattr(value, part, None)
+    if value is not None and not isinstance(value, (str, float, int)):
+        raise InvalidStudy(f"axis {key}: is a table, give one of its keys")
+    return value

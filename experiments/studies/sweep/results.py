@@ -1,0 +1,138 @@
+"""`results.jsonl`: rows appended and synced one by one, read line by line or as a data frame.
+
+A row is on the disk before the next run is awaited. A killed driver leaves whole lines and at most
+one incomplete last line, which the next driver removes.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Self
+
+from ...errors import SweepRefused, SweepStopped
+from .row import FIGURES, Row, line, working_error
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+FILE: Final = "results.jsonl"
+"""Name of the file of the rows in the folder of a sweep."""
+
+WORKING_P95: Final = "working.cross_p95_m"
+WORKING_SD: Final = "working.cross_sd_m"
+"""Columns that `frame` adds: cross-track error of the working point, the tool point where there is
+an implement, else the trailer's axle point: 95th percentile of its size, standard deviation [m]."""
+
+_BATCH: Final = 10_000  # rows that are held as dictionaries at a time
+
+
+class Results:
+    """The open file of a sweep's rows; a context manager.
+
+    Args:
+        file: to append to; created if it does not exist, cut after its last complete line if it
+            does.
+        runs: number of runs in the plan.
+
+    Raises:
+        SweepRefused: a line of the file is not a row of this plan.
+        SweepStopped: the file cannot be opened.
+    """
+
+    def __init__(self, file: Path, runs: int) -> None:
+        self.file = file
+        self._done = bytearray(runs)
+        try:
+            self._stream = open(file, "ab")  # noqa: SIM115 - closed by __exit__
+        except OSError as error:
+            raise SweepStopped(f"{file}: cannot be written: {error.strerror}") from None
+        whole = 0
+        with open(file, "rb") as lines:
+            for number, text in enumerate(lines, 1):
+                if not text.endswith(b"\n"):
+                    break
+                try:
+                    self._done[json.loads(text)["run"]] = 1
+                except (ValueError, KeyError, TypeError, IndexError, RecursionError):
+                    self._stream.close()
+                    raise SweepRefused(f"{file}: line {number} is no row of this study") from None
+                whole += len(text)
+        self._stream.truncate(whole)
+
+    @property
+    def count(self) -> int:
+        """Return the number of rows."""
+        return sum(self._done)
+
+    def has(self, run: int) -> bool:
+        """Return whether a run has a row."""
+        return bool(self._done[run])
+
+    def append(self, row: Row) -> None:
+        """Write a row and sync it to the disk.
+
+        Raises:
+            SweepStopped: writing failed; the file ends with the row before.
+        """
+        stream, whole = self._stream, os.fstat(self._stream.fileno()).st_size
+        try:
+            # Unbuffered: after a failure, the rest of a buffer would be written on closing.
+            data = line(row).encode()
+            while data:
+                data = data[os.write(stream.fileno(), data) :]
+            os.fsync(stream.fileno())
+        except OSError as error:
+            os.truncate(stream.fileno(), whole)
+            raise SweepStopped(f"{self.file}: cannot be written: {error.strerror}") from None
+        run = row["run"]
+        assert isinstance(run, int)
+        self._done[run] = 1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stream.close()
+
+
+def rows(file: Path) -> Iterator[Row]:
+    """Yield the rows of a file, without an incomplete last line."""
+    with open(file, "rb") as stream:
+        for text in stream:
+            if text.endswith(b"\n"):
+                yield json.loads(text)
+
+
+def frame(rows: Iterable[Row]) -> DataFrame:
+    """Return rows as a data frame by increasing run number, one row a run, labels from 0.
+
+    The columns are those of the rows, and `WORKING_P95`, `WORKING_SD`. A number that a run does not
+    have is NaN.
+    """
+    import pandas as pd  # here, since workers and `ttempc list` do without
+
+    numbers = dict.fromkeys((*FIGURES, WORKING_P95, WORKING_SD, "wall_s"), float)
+    parts = [pd.DataFrame()]
+    iterator = iter(rows)
+    while batch := list(itertools.islice(iterator, _BATCH)):
+        records = [
+            {
+                **row,
+                WORKING_P95: working_error(row),
+                WORKING_SD: working_error(row, "cross_sd_m"),
+            }
+            for row in batch
+        ]
+        part = pd.DataFrame.from_records(records)
+        parts.append(part.astype({name: kind for name, kind in numbers.items() if name in part}))
+    table = pd.concat(parts[1:] or parts, ignore_index=True)
+    return table.sort_values("run", ignore_index=True) if len(table) else table
+
+
+def read_frame(folder: Path) -> DataFrame:
+    """Return the rows in the folder of a sweep, also of one in progress, see `frame`."""
+    return frame(rows(folder / FILE))

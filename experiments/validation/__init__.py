@@ -1,1 +1,0 @@
-"""Validation of a scenario's plant, with its report."""
