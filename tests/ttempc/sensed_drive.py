@@ -11,6 +11,7 @@ from tests.reference.estimation.augmented_state import density, predicted_measur
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.guidance.controllers import make_controller
+from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
     LENGTH,
     SIZE,
@@ -19,7 +20,6 @@ from ttempc.models.augmented_state import (
     advance_augmented_state,
     vehicle_parameters,
 )
-from ttempc.jit.rows import WIDTH
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Estimate, Estimator, FloatArray, Measurement, Sensor, State

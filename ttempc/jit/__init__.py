@@ -15,11 +15,13 @@ What a release of numba may break, how one sees it, and how to switch it off:
 
 from .cache import COMPILATION, Compilation, fingerprint
 from .compiler import FAST, cached_njit
+from .mode import IS_PLAIN
 from .records import local, record
 
 __all__ = [
     "COMPILATION",
     "FAST",
+    "IS_PLAIN",
     "Compilation",
     "cached_njit",
     "fingerprint",

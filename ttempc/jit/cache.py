@@ -116,7 +116,7 @@ class KernelCache(_Cache):
         self._enabled = True
 
     @property
-    def cache_path(self) -> str:
+    def cache_path(self) -> str:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Folder of the kernels, which need not exist."""
         return _chosen_folder()
 

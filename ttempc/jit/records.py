@@ -4,11 +4,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import config
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
+
+from .mode import IS_PLAIN
 
 _intrinsic: Any = intrinsic  # whose types do not know that numba hands over the first argument
 
@@ -82,12 +83,12 @@ def _compiled_local(_, shape):  # noqa: ANN001, ANN202
     return array_type(shape), code
 
 
-record: Any = _plain_record if config.DISABLE_JIT else _compiled_record
+record: Any = _plain_record if IS_PLAIN else _compiled_record
 """`record(row, kind)`: the flat array `row` as the record `kind`, as `row.view(kind)[0]`.
 
 The record shares the memory of the row. Compiled, nothing is checked."""
 
-local: Any = _plain_local if config.DISABLE_JIT else _compiled_local
+local: Any = _plain_local if IS_PLAIN else _compiled_local
 """`local((2, 3))`: an array of float64 of a constant shape in the frame of the call.
 
 Its content is undefined until it is written. It must not be returned."""

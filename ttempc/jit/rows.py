@@ -10,10 +10,11 @@ from typing import Any, Final
 
 import numpy as np
 from llvmlite import ir
-from numba import config
 from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from .mode import IS_PLAIN
 
 WIDTH: Final = 24
 """Entries of a row: three vectors of eight numbers."""
@@ -122,19 +123,19 @@ def _plain_add_rows(
     _plain_row(target, to)[:] += weighted_sum
 
 
-clear_row: Any = _plain_clear_row if config.DISABLE_JIT else _clear_row
+clear_row: Any = _plain_clear_row if IS_PLAIN else _clear_row
 """`clear_row(target, to)`: zeros into the row at `to` of `target`."""
 
-set_row: Any = _plain_set_row if config.DISABLE_JIT else _set_row
+set_row: Any = _plain_set_row if IS_PLAIN else _set_row
 """`set_row(target, to, weight, source, at)`: a weighted row of `source` into one of `target`."""
 
-add_row: Any = _plain_add_row if config.DISABLE_JIT else _add_row
+add_row: Any = _plain_add_row if IS_PLAIN else _add_row
 """`add_row(target, to, weight, source, at)`: a weighted row of `source` is added."""
 
-scale_row: Any = _plain_scale_row if config.DISABLE_JIT else _scale_row
+scale_row: Any = _plain_scale_row if IS_PLAIN else _scale_row
 """`scale_row(target, to, weight, source, at)`: entry by entry times a weighted row of `source`."""
 
-add_rows: Any = _plain_add_rows if config.DISABLE_JIT else _add_rows
+add_rows: Any = _plain_add_rows if IS_PLAIN else _add_rows
 """`add_rows(target, to, weight, source, at, other_weight, other, begin)`: two rows are added.
 
 Their sum is formed first: the result does not depend on their order."""

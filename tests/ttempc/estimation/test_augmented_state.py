@@ -18,6 +18,7 @@ from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
 from ttempc.estimation import filter as kernels
 from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
+from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
     INITIAL_SD,
     LENGTH,
@@ -31,7 +32,6 @@ from ttempc.models.augmented_state import (
     vehicle_parameters,
 )
 from ttempc.models.kinematics import articulated
-from ttempc.jit.rows import WIDTH
 from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 

@@ -13,13 +13,13 @@ from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import DeadTimeCompensation, compensated, lead_s
 from ttempc.guidance.detection import Alarm, Reaction
 from ttempc.guidance.supervisor import SafetyLimits
+from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
     SIZE,
     STATES,
     advance_augmented_state,
     vehicle_parameters,
 )
-from ttempc.jit.rows import WIDTH
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Disturbance, MapDisturbance, State
