@@ -15,7 +15,7 @@ test: $(VENV)/.dev         ## the whole suite, a process per core; kernels are c
 bench: $(VENV)/.dev        ## cost and speed beside their limits; leave the machine idle
 	$(BIN)/python -m proving_ground.experiments.papers.benchmarks
 
-lint: $(VENV)/.dev         ## style, types, budgets, layers
+lint: $(VENV)/.dev         ## style, types, layers, readability
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright

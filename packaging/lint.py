@@ -1,7 +1,7 @@
-"""Check budgets of lines, layers and docstring titles; `make lint` runs it after ruff and pyright.
+"""Check layers, docstring titles and readability; `make lint` runs it after ruff and pyright.
 
-The budgets stand in `[tool.budgets]` of pyproject.toml: lines of `*.py` with comments and blanks. A
-decision written beside a line raises it, nothing else.
+`[tool.lint]` of pyproject.toml has what older code is still allowed, by rule and file. The numbers
+may only shrink: more than allowed is a fault, and so is less, until `--shrink` lowers the number.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import readable
+
 ROOT = Path(__file__).parents[1]
 PROJECT = ("mjcf", "testbed", "ttempc", "experiments")
 LIBRARIES = {"numpy", "scipy", "piqp", "numba", "llvmlite", "daqp"}  # llvmlite is numba's own
@@ -21,6 +23,7 @@ CONTROL_SIDE_MAY_NOT = {"time", "pathlib", "os", "io"}
 DISK_CACHE = "ttempc.jit"  # the one place of the control side that touches files and processes
 _SHARED = ("errors", "jit", "layout", "suggestion", "types", "vehicle")
 TESTBED_MAY = {f"ttempc.{name}" for name in _SHARED}
+_ALLOWANCES = "# Allowances of `packaging/lint.py`: they may only shrink.\n"
 SHIPPED_MAY_NOT = "experiments.papers"  # the wheel leaves it out
 
 
@@ -103,40 +106,112 @@ def title_faults() -> Iterator[str]:
                 yield f"{file.relative_to(ROOT)}: docstring is no title: {text.splitlines()[0]}"
 
 
-def budget_faults() -> Iterator[str]:
-    """Yield packages over their budget of lines, packages without one, and the sum over its own."""
-    budgets = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["budgets"]
-    lines = dict.fromkeys(budgets["lines"], 0)
-    for package in (*PROJECT, "tests"):
-        for file in files(package):
-            place = file.relative_to(ROOT).parent.as_posix()
-            owner = max((f for f in lines if f"{place}/".startswith(f"{f}/")), key=len, default="")
-            if not owner:
-                yield f"{place}: no budget in pyproject.toml"
-                continue
-            lines[owner] += len(file.read_text().splitlines())
-    for folder, count in lines.items():
-        if count > budgets["lines"][folder]:
-            yield f"{folder}: {count} lines, budget {budgets['lines'][folder]}"
-    if "-v" in sys.argv:
-        print(
-            *(f"{count:6} of {budgets['lines'][f]:6}  {f}" for f, count in lines.items()), sep="\n"
-        )
-    production = sum(lines.values()) - lines["tests"]
-    if production > budgets["production"]:
-        yield f"all packages: {production} lines, budget {budgets['production']}"
-    words = sum(
-        len(page.read_text().split())
-        for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md"))
-        if "generated" not in page.parts
-    )
-    if words > budgets["words"]:
-        yield f"README and docs: {words} words, budget {budgets['words']}"
+def modules(*folders: str) -> list[readable.Module]:
+    """Return the modules below folders of the checkout."""
+    return [readable.Module.read(ROOT, file) for folder in folders for file in files(folder)]
+
+
+def readable_faults() -> dict[str, list[readable.Fault]]:
+    """Return the faults of each rule of `readable`, by the name of its allowances."""
+    shipped = modules(*PROJECT, "packaging")
+    tests = modules("tests")
+    examples = modules("docs")
+    public = {
+        name: length
+        for module in shipped
+        for name, length in readable.sequences(module).items()
+        if not name.startswith("_")
+    }
+    names = readable.known_names([*shipped, *tests, *examples]) | _names_of_tables()
+    stale = readable.stale_references(ROOT, names)
+
+    rules: dict[str, tuple[readable.Rule, list[readable.Module]]] = {
+        "packed": (readable.packed_assignments, shipped),
+        "unnamed": (readable.unnamed_members(public), shipped),
+        "long": (readable.long_functions, shipped),
+        "wide": (readable.wide_functions, shipped),
+        "columns": (readable.literal_columns, shipped),
+        "stale": (stale, [*shipped, *examples]),
+    }
+    faults = {
+        name: [fault for module in where for fault in rule(module)]
+        for name, (rule, where) in rules.items()
+    }
+    for page in (
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        *sorted((ROOT / "docs").glob("*.md")),
+    ):
+        place = page.relative_to(ROOT).as_posix()
+        for number, line in enumerate(page.read_text().splitlines(), start=1):
+            for message in readable.stale(line, ROOT, names):
+                faults["stale"].append(readable.Fault(place, number, message))
+    return faults
+
+
+def _names_of_tables() -> set[str]:
+    """Return the words of the tree's TOML files, and names that belong to other programs."""
+    tables = [
+        *ROOT.glob("*.toml"),
+        *(ROOT / "ttempc").glob("*.toml"),
+        *(ROOT / "mjcf").rglob("*.toml"),
+    ]
+    tables += [*(ROOT / "testbed").rglob("*.toml"), *(ROOT / "experiments").rglob("*.toml")]
+    words = {word for table in tables for word in re.findall(r"\w+", table.read_text())}
+    return words | set(_settings()["foreign"])
+
+
+def _settings() -> dict:
+    """Return `[tool.lint]` of pyproject.toml."""
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["lint"]
+
+
+def amounts(faults: list[readable.Fault]) -> dict[str, int]:
+    """Return the sum of each key's faults."""
+    sums: dict[str, int] = {}
+    for fault in faults:
+        sums[fault.key] = sums.get(fault.key, 0) + fault.amount
+    return sums
+
+
+def beyond_allowance(faults: list[readable.Fault], allowed: dict[str, int]) -> Iterator[str]:
+    """Yield the faults of keys above their allowance, and allowances larger than needed."""
+    found = amounts(faults)
+    for fault in faults:
+        if found[fault.key] > allowed.get(fault.key, 0):
+            yield str(fault)
+    for key, number in allowed.items():
+        if found.get(key, 0) < number:
+            yield (
+                f"pyproject.toml: {key} is allowed {number} and has {found.get(key, 0)}: "
+                "`python packaging/lint.py --shrink`"
+            )
+
+
+def shrink() -> None:
+    """Write the allowances of pyproject.toml anew, where they are larger than needed."""
+    settings = _settings()
+    tables = []
+    for rule, faults in readable_faults().items():
+        allowed = settings.get(rule, {})
+        found = amounts(faults)
+        kept = {key: min(number, found.get(key, 0)) for key, number in allowed.items()}
+        lines = [f'"{key}" = {number}' for key, number in sorted(kept.items()) if number]
+        if lines:
+            tables.append("\n".join([f"[tool.lint.{rule}]", *lines, ""]))
+    project = ROOT / "pyproject.toml"
+    before, marker, _ = project.read_text().partition(_ALLOWANCES)
+    project.write_text(before + marker + "\n".join(["", *tables]))
 
 
 def main() -> int:
     """Print all faults; return 1 if there are any."""
-    faults = [*budget_faults(), *layer_faults(), *title_faults()]
+    if "--shrink" in sys.argv:
+        shrink()
+    settings = _settings()
+    faults = [*layer_faults(), *title_faults()]
+    for rule, found in readable_faults().items():
+        faults += [f"{fault} [{rule}]" for fault in beyond_allowance(found, settings.get(rule, {}))]
     print(*faults, sep="\n")
     return bool(faults)
 

@@ -49,11 +49,11 @@ from proving_ground.testbed.recording import channels as ch
 
 from tests.experiments.interfaces.serve import test_session
 from tests.experiments.interfaces.serve.test_agopengps import steering_frame
+from tests.experiments.score_cards import card_of, scored
 from tests.testbed.log import test_log_integrity
 from ttempc import Guidance, Measurement, Sensor, Vehicle, figure_eight
 from ttempc.errors import TtempcError
 
-CARD = Path(__file__).parents[1] / "docs" / "field-trials" / "pid.json"
 STRAIGHT = "kind = 'straight'\nlength_m = 2.0\n"  # keys of a table of the path
 LIMIT_S, LIMIT_BYTES, MOST_LAP_MB = 300.0, 8 * 2**30, 2.0
 SEEDS = "seeds = [1, 2, 3, 4, 5, 6]\n"
@@ -253,19 +253,21 @@ def options(folder):
         yield from (partial(command, *words, value, *out) for value in values)
     for where in ("nope", folder, "/dev/null", "/dev/zero/x"):
         yield partial(command, "search", "limit", where, "slope", *out)
+    card = folder / "card.json"
+    card.write_text(card_of([[0.05] * 20] * len(scored()), "pid").to_json())
     files = b"", b"x", b"1 1", b"-1", b"1e3", b"9" * 20, b"\xff" * 99, b"1\0", b"0 " * 2000, b"[]"
-    for data in (*files, *(CARD.read_bytes()[:n] for n in range(40, 4000, 200))):
+    for data in (*files, *(card.read_bytes()[:n] for n in range(40, 4000, 200))):
         file = written(folder, data, ".txt")
         yield partial(command, "bench", "pid", "--seeds-file", file, *out)
-        yield partial(command, "bench", "--compare", CARD, file)
+        yield partial(command, "bench", "--compare", card, file)
     for k in range(60):
         draw = random.Random(k)
-        table = place = json.loads(CARD.read_text())
+        table = place = json.loads(card.read_text())
         while isinstance(place[key := draw.choice([*place])], dict) and place[key]:
             place = place[key]
         place[key] = draw.choice((None, -1, math.nan, 1e999, "x", [], {}, [[]], 10**30, True))
         file = written(folder, json.dumps(table), ".json")
-        yield partial(command, "bench", "--compare", CARD, file, codes=(0, 2))
+        yield partial(command, "bench", "--compare", card, file, codes=(0, 2))
 
     def twice(words):
         first, second = (folder / f"{words[0]}{k}.json" for k in (1, 2))

@@ -177,7 +177,7 @@ class ControllerSettings:
     noise: NoiseSettings = NoiseSettings()
     """Noise of the sensors that the estimator assumes."""
     learn: bool = True
-    """Whether parameters of the model are learnt while driving, see docs/learning.md."""
+    """Whether parameters of the model are learnt while driving, see docs/method.md, Learning."""
     learn_field: bool = False
     """Whether disturbances are learnt by place, for later passes over the same line."""
     detect: bool = True

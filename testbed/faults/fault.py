@@ -94,7 +94,7 @@ class Fault:
     """
 
     row: ClassVar[Row]
-    kind: Annotated[str, Field(description="Kind of fault, see docs/faults.md.")] = ""
+    kind: Annotated[str, Field(description="Kind of fault, see docs/field.md, Faults.")] = ""
     name: Annotated[
         str,
         Field(

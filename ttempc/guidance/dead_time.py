@@ -47,7 +47,7 @@ def lead_s(vehicle: Vehicle) -> float:
     """Return the time by which a command is computed ahead [s].
 
     It is the longer dead time of front steering and hydrostat. Waiting for the trailer's valves
-    would cost the tractor more than it gives the trailer (docs/actuators.md).
+    would cost the tractor more than it gives the trailer.
     """
     return max(vehicle.dead_time_t, vehicle.dead_time_hp)
 

@@ -1,4 +1,4 @@
-"""Whether kernels are compiled in this process."""
+"""Mode of the kernels in this process: compiled, or plain Python."""
 
 from typing import Any, Final
 

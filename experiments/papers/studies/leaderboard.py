@@ -10,7 +10,7 @@ second set of seeds gives the same verdicts.
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ....testbed.recording.provenance import code_digest
+from ...output import write_file
 from ...pictures.sweep_report.format import format_numbers
 from ...results.statistics import resampled_means
 from ...seeds import CHECKS
@@ -35,13 +36,12 @@ from ...studies.trials.score_card import (
     public_draws,
     read_score_card,
 )
-from ..pages import ROOT
 from ..runner import Runner
 from ..study import Block, Study
 from ..tables import markdown
 
-CARDS: Final = "field-trials"
-"""Folder of the score cards, beside the page."""
+CARDS: Final = "cards"
+"""Folder of the score cards, among the kept rows: those made here, and those that others sent."""
 
 SHIPPED: Final = (
     ("ttempc",),
@@ -57,9 +57,13 @@ SHIPPED: Final = (
 )
 """Shipped controllers, and parts of the default switched off, as of `--set`."""
 
-OTHERS: Final = (("geometric:Stanley",),)
-"""Controllers of docs/examples, written against the public interface, that drive in a minute."""
-
+OTHERS: Final = (
+    ("geometric:Stanley",),
+    ("geometric:PurePursuit",),
+    ("casadi_mpc:CasadiMpc",),
+    ("learnt_policy:learnt",),
+)
+"""Controllers of docs/examples, written against the public interface."""
 
 SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc-rti", "lqr", "pid", "geometric:Stanley")
 """Entries on which the trials' power to separate is measured; Stanley's law is far from all."""
@@ -86,23 +90,23 @@ _ABOUT: Final = {
 }
 
 
-def make(runner: Runner) -> Block:
-    """Return the leaderboard, and the score cards of all entries driven here."""
-    cards = {}
+def make(runner: Runner) -> str:
+    """Return the leaderboard of the entries driven here and of the cards of others."""
+    folder = runner.folder / CARDS
+    made = []
     for name, *changes in (*SHIPPED, *OTHERS):
         entrant = Entrant.of(name, changes)
-        cards[f"{CARDS}/{entrant.stem}.json"] = _driven(runner, entrant, PUBLIC)
-    first = next(iter(cards.values()))
-    others = [card for file, card in shipped_cards().items() if f"{CARDS}/{file}.json" not in cards]
-    place = (first.identifier, first.draws.sha256)
-    same = [card for card in others if (card.identifier, card.draws.sha256) == place]
-    parts = [leaderboard([*cards.values(), *same])]
-    if left_out := [card for card in others if card not in same]:
+        made.append(_driven(runner, entrant, PUBLIC))
+        write_file(folder / f"{entrant.stem}.json", made[-1].to_json().encode())
+
+    cards = [read_score_card(file) for file in sorted(folder.glob("*.json"))]
+    own = (made[0].identifier, made[0].draws.sha256)
+    same = [card for card in cards if (card.identifier, card.draws.sha256) == own]
+    parts = [leaderboard(same)]
+    if left_out := [card for card in cards if card not in same]:
         listed = ", ".join(f"`{entry(card)}` ({card.identifier})" for card in left_out)
         parts.append(f"Of other versions or seeds, not shown: {listed}.")
-    return Block(
-        "\n\n".join(parts), {name: card.to_json().encode() for name, card in cards.items()}
-    )
+    return "\n\n".join(parts)
 
 
 def _driven(runner: Runner, entrant: Entrant, seeds: tuple[int, ...]) -> ScoreCard:
@@ -175,20 +179,13 @@ def variance_shares(cards: Sequence[ScoreCard]) -> FloatArray:
     return parts / parts.sum(axis=1, keepdims=True)
 
 
-def shipped_cards() -> dict[str, ScoreCard]:
-    """Return the committed score cards by the stems of their files."""
-    files = sorted((ROOT / "docs" / CARDS).glob("*.json"))
-    return {file.stem: read_score_card(file) for file in files}
-
-
 def entry(card: ScoreCard) -> str:
     """Return the name of an entry; of an own controller, without its module."""
     return re.sub(r"^[\w.]+:", "", card.label)
 
 
-def headline(cards: Mapping[str, ScoreCard]) -> Block:
+def headline(shown: Sequence[ScoreCard]) -> Block:
     """Return the short table of README from the cards of `HEADLINE`, and who is ahead where."""
-    shown = [cards[name] for name in HEADLINE]
     lines = [
         (
             f"`{name}`: {about}",
@@ -308,5 +305,10 @@ STUDIES: Final = (
         ),
     ),
     Study(name="trial-power", make=make_power, seeds=(*PUBLIC, *CHECKS), checks=()),
-    Study(name="headline", make=lambda runner: headline(shipped_cards())),
+    Study(
+        name="headline",
+        make=lambda runner: headline(
+            [_driven(runner, Entrant.of(name, ()), PUBLIC) for name in HEADLINE]
+        ),
+    ),
 )

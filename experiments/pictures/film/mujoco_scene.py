@@ -138,7 +138,7 @@ class MujocoScene:
         self._options.sitegroup[:] = 0  # a playback moves bodies only: sites would stay behind
 
     def picture(self, camera: str, time_s: float) -> NDArray[np.uint8]:
-        """Return the picture of a camera of `camera.VIEWS` at a time, (height, width, 3)."""
+        """Return the picture of a named camera, see `camera.py`, at a time, (height, width, 3)."""
         self._gl.make_current()
         poses = self._playback.poses(time_s)
         self.data.xpos[self._bodies], self.data.xquat[self._bodies] = poses

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import BadOptions, InvalidScoreCard
-from proving_ground.experiments.papers.pages import ROOT
 from proving_ground.experiments.papers.runner import Runner
 from proving_ground.experiments.papers.studies import leaderboard as board
 from proving_ground.experiments.studies.sweep.engine import engine
@@ -17,11 +16,9 @@ from proving_ground.experiments.studies.trials import bench as module
 from proving_ground.experiments.studies.trials import definition
 from proving_ground.experiments.studies.trials.definition import weights
 from proving_ground.experiments.studies.trials.score_card import (
-    CARD,
     LOSS_M,
     MARGIN,
     PUBLIC,
-    ScoreCard,
     TrialRun,
     compare_cards,
     format_card,
@@ -34,37 +31,10 @@ from proving_ground.experiments.studies.trials.score_card import (
     verdict,
 )
 
+from tests.experiments.score_cards import card_of, scored
+
 SHORT = "even-grass"
 OWN_SPEED = "controller.options={corridor_at_rest_m=[0.03, 0.05], corridor_per_speed_s=[0.2, 0.03]}"
-
-
-def scored():
-    return [name for name in definition.trial_files() if weights().get(name, 1.0)]
-
-
-def card_of(errors, name="one", **changes):
-    """Return a card of made-up runs: errors (trials, seeds), NaN of a run that was lost."""
-    trials = {
-        trial: tuple(
-            TrialRun(status="lost", failure="roll-over")
-            if np.isnan(error)
-            else TrialRun(status="completed", trailer_p95_m=float(error))
-            for error in own
-        )
-        for trial, own in zip(scored(), errors, strict=False)
-    }
-    seeds = PUBLIC[: len(errors[0])]
-    content = {
-        "format": CARD,
-        "identifier": definition.identifier(),
-        "controller": name,
-        "draws": public_draws(seeds),
-        "machine": {"processor": "P", "system": "S"},
-        "versions": {"ttempc": "0"},
-        "score": score(trials),
-        "trials": trials,
-    }
-    return ScoreCard(**{**content, **changes})
 
 
 @pytest.fixture
@@ -323,22 +293,14 @@ def test_the_leaderboard_is_made_of_runs_and_of_cards_of_others(
     monkeypatch.setattr(board, "SHIPPED", (("pid",), ("feedforward",)))
     monkeypatch.setattr(board, "OTHERS", (("casadi_mpc:CasadiMpc",),))
     monkeypatch.setattr(board, "PUBLIC", PUBLIC[:1])
-    monkeypatch.setattr(board, "ROOT", tmp_path)
-    folder = tmp_path / "docs" / "field-trials"
+    folder = tmp_path / "rows" / "cards"
     folder.mkdir(parents=True)
     (folder / "theirs.json").write_text(card_of([[0.05]], "theirs").to_json())
     (folder / "old.json").write_text(card_of([[0.05]], "old", identifier="v0-0").to_json())
-    block = board.make(Runner(tmp_path / "rows", workers=0))
+    text = board.make(Runner(tmp_path / "rows", workers=0))
     names = {"pid.json", "feedforward.json", "casadi_mpc-CasadiMpc.json"}
-    assert {*block.files} == {f"field-trials/{name}" for name in names}
-    file = tmp_path / "pid.json"
-    file.write_bytes(block.files["field-trials/pid.json"])
-    assert read_score_card(file).draws.seeds == PUBLIC[:1]
+    assert {file.name for file in folder.iterdir()} == {*names, "theirs.json", "old.json"}
+    assert read_score_card(folder / "pid.json").draws.seeds == PUBLIC[:1]
     for name in ("theirs", "CasadiMpc"):
-        assert block.text.count(f"| `{name}` |") == 2
-    assert "not shown: `old` (v0-0)" in block.text
-
-
-def test_the_cards_of_the_docs_are_whole():
-    for file in (ROOT / "docs" / "field-trials").glob("*.json"):
-        assert read_score_card(file).identifier.startswith("v")
+        assert text.count(f"| `{name}` |") == 2
+    assert "not shown: `old` (v0-0)" in text
