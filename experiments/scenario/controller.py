@@ -215,7 +215,7 @@ class ControllerSettings:
         if entry is None or entry.tube is None or self.design(vehicle, period_s):
             return ()
         options = controller_options(self.name, self.options)
-        if options["tightening"] != "tube" or not options["robust"]:
+        if not options["tube"]:
             return ()
         return (
             f"inputs of {self.name} are not tightened: the tube of {_DEFAULT_TUBE} is for another "

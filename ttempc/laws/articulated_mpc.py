@@ -6,7 +6,7 @@ robust law; `ttempc-nominal` its MPC alone; `ttempc-tube` a tube MPC with an anc
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final, Literal, Self, get_args
+from typing import ClassVar, Final, Self
 
 import numpy as np
 
@@ -28,8 +28,6 @@ from ..types import FloatArray, Input, State
 from ..vehicle import Vehicle
 from .articulated_law import NOMINAL, ONE_STEP, TUBE_MPC, ArticulatedLaw, law_of
 from .tracking_controller import ExactCourse, TrackingController
-
-Tightening = Literal["none", "tube"]
 
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
 _ROUNDING: Final = 1e-9
@@ -127,7 +125,7 @@ class NominalOptions(MpcOptions):
 
 @dataclass(frozen=True)
 class ArticulatedOptions(NominalOptions):
-    """Options of `ttempc`: those of its MPC, then of its robust law, in the order of `Input`.
+    """Options of `ttempc`: its MPC, its robust law and its tube, in the order of `Input`.
 
     The weights of `ttempc-nominal` gain 2 % on the benchmark's trials and lose 9 % of the overshoot
     on a wet slope and 14 % in travel of the front steering.
@@ -141,19 +139,20 @@ class ArticulatedOptions(NominalOptions):
     # weigh as much as 2 deg of steering or 4 % of the hydrostat. For the vehicle of the paper up to
     # 1 m/s.
     input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
-    # "tube": at stage j of the horizon the MPC leaves free what the growing tube takes; nothing
-    # without a tube.
-    tightening: Tightening = "tube"
     memory_s: float = 5.0  # time constant of the autocorrelation's average [s]
-    robust: bool = True  # whether the robust law acts
+    # Whether the robust law acts: the saturated tanh action u_m alone. The tube stays.
+    robust: bool = True
+    # Whether the growing tube acts: it tightens the inputs at each stage of the horizon and backs
+    # up the last plan. The robust law stays. Without a tube's design nothing is tightened.
+    tube: bool = True
 
     def __post_init__(self) -> None:
         NominalOptions.__post_init__(self)
         check_vector("saturation", self.saturation, len(Input))
         check_vector("input_weight", self.input_weight, len(Input))
-        check_choice("tightening", self.tightening, get_args(Tightening))
         check_positive("memory_s", self.memory_s)
         check_flag("robust", self.robust)
+        check_flag("tube", self.tube)
 
     def for_vehicle(self, vehicle: Vehicle, speed_mps: float, period_s: float) -> Self:
         """Return the options for a vehicle, as `MpcOptions.for_vehicle`.
@@ -213,11 +212,11 @@ def articulated_controller(
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
-    With `NominalOptions` the robust law is left out. A `design` tightens the inputs of the MPC by
-    the tube that grows from the estimate. With the robust law it also gives a monitor of the
-    residual w of each step, which changes no command. w lies in the design's set W of single steps,
-    whatever the gain, to W's coverage; the true error lies in W widened by the error of the
-    estimate. The margin is 1 less the gauge of w in W.
+    `NominalOptions` have neither robust law nor tube; of `ArticulatedOptions` each is an option of
+    its own. With a `design` the tube that grows from the estimate tightens the inputs of the MPC
+    and backs up its last plan, and a monitor of the residual w of each step, which changes no
+    command, reports whether w lies in the design's set W of single steps. The true error then lies
+    in W widened by the error of the estimate. The margin is 1 less the gauge of w in W.
 
     Raises:
         InvalidTube: the design was made for another vehicle.
@@ -242,18 +241,20 @@ def articulated_controller(
     if vehicle.reverse and options.damping_s > 0.0:
         capture = options.damping_s * reference.speed.top_speed * math.sin(_CAPTURE)
         parts["reach"] = np.array([_AHEAD_M, capture])
-    if isinstance(options, ArticulatedOptions) and options.robust:
-        kind = ONE_STEP
-        parts["limit"] = np.array(options.saturation)
-        gains = robust_gains(a, b, c, options.input_weight)
-        parts["gains"] = gains / parts["limit"][:, None]
-        parts["forgetting"] = math.exp(-period_s / options.memory_s)
-        if options.tightening == "tube" and design:
+    if isinstance(options, ArticulatedOptions):
+        if options.robust:
+            kind = ONE_STEP
+            parts["limit"] = np.array(options.saturation)
+            gains = robust_gains(a, b, c, options.input_weight)
+            parts["gains"] = gains / parts["limit"][:, None]
+            parts["forgetting"] = math.exp(-period_s / options.memory_s)
+        if options.tube and design:
             tube = GrowingTube.along(design, a, b, c, feedforward, options)
             parts |= {"ancillary": tube.gains, "reserve": tube.reserve}
             free = tube.bounds
             spread[:-1], spread[-1] = tube.hitch, tube.hitch[-1]
         if design:
+            kind = ONE_STEP  # whose residual the monitor judges
             rows = report_rows(c[:-1, :, : len(State)])
             flat = rows.reshape(-1, len(State))
             width = design.disturbance.support(flat) + design.estimate_error.support(flat)

@@ -42,7 +42,7 @@ GROUNDS: Final = {
 }
 CONTROLLERS: Final = {
     "`ttempc`": (),
-    "same, `tightening = none`": ("controller.options.tightening=none",),
+    "same, `tube = false`": ("controller.options.tube=false",),
     "`nmpc-rti`": ("controller.name=nmpc-rti", "controller.options.damping_s=2"),
     "`lqr`": ("controller.name=lqr",),
     "`pid`": ("controller.name=pid",),

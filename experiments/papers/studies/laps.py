@@ -62,10 +62,10 @@ closest to the kinematic model."""
 
 PARTS: Final = {
     "feedforward": _named("feedforward"),
-    "+ LMPC": _options(robust=False, disturbances=False),
-    "+ LMPC, robust": _options(disturbances=False, tightening="none"),
-    "+ LMPC, disturbance": _options(robust=False),
-    "+ LMPC, disturbance, robust": _options(tightening="none"),
+    "+ LMPC": _options(robust=False, tube=False, disturbances=False),
+    "+ LMPC, robust": _options(disturbances=False, tube=False),
+    "+ LMPC, disturbance": _options(robust=False, tube=False),
+    "+ LMPC, disturbance, robust": _options(tube=False),
     "+ LMPC, disturbance, robust, growing tube (`ttempc`)": (),
 }
 

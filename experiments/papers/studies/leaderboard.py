@@ -45,8 +45,9 @@ CARDS: Final = "cards"
 
 SHIPPED: Final = (
     ("ttempc",),
-    ("ttempc", "controller.options.tightening=none"),
     ("ttempc", "controller.options.robust=false"),
+    ("ttempc", "controller.options.tube=false"),
+    ("ttempc", "controller.options.robust=false", "controller.options.tube=false"),
     ("ttempc", "controller.learn=false"),
     ("ttempc", "controller.detect=false"),
     ("ttempc", "controller.compensate=false"),

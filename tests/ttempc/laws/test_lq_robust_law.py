@@ -170,7 +170,7 @@ def test_what_lies_in_the_set_lies_within_the_half_widths():
     generator = np.random.default_rng(72)
     disturbance = DisturbanceSet(SKEW)
     design = replace(DESIGN, disturbance=disturbance)
-    options = ArticulatedOptions(tightening="none")
+    options = ArticulatedOptions(tube=False)
     feedback = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options, design).feedback
     law, outputs = feedback.law, feedback.mpc.horizon.stages.outputs
     report = np.zeros(20)
@@ -188,7 +188,7 @@ def test_what_lies_in_the_set_lies_within_the_half_widths():
 
 def test_the_controller_reports_what_a_step_added_and_commands_the_same():
     """A jump of the estimate is the deviation of that tick; nothing jumped before."""
-    options = ArticulatedOptions(tightening="none")
+    options = ArticulatedOptions(tube=False)
     monitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options, DESIGN)
     unmonitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options)
     jump = np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0])

@@ -114,7 +114,7 @@ def test_impossible_values_are_refused_with_name_and_value():
         (ArticulatedOptions, "moves", 21),
         (ArticulatedOptions, "step_weight", (1.0, 1.0, 0.0)),
         (ArticulatedOptions, "memory_s", 0.0),
-        (ArticulatedOptions, "tightening", "yes"),
+        (ArticulatedOptions, "tube", "yes"),
         (PaperOptions, "hitch_sign", 0),
         (LqrOptions, "output_weight", (1.0, -1.0, 1.0, 1.0)),
         (PidOptions, "lag_ratio", -1.0),

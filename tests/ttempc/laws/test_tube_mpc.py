@@ -130,6 +130,27 @@ def test_its_commands_are_never_cut_by_the_limits_however_it_is_disturbed():
     assert any(d.limited.any() for d in diagnostics)  # pressed against its bounds
 
 
+@pytest.mark.parametrize("tube", [True, False])
+@pytest.mark.parametrize("robust", [True, False])
+def test_robust_law_and_tube_are_switched_on_and_off_apart(robust, tube):
+    """The tanh action is in `robust` alone; the tightened bounds and the backup plan in `tube`."""
+    options = {"robust": robust, "tube": tube}
+    made = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN, options)
+    plain = make_controller("ttempc-nominal", VEHICLE, REFERENCE, PERIOD_S)
+    tightened, whole = (each.feedback.mpc.horizon.stages.limits for each in (made, plain))
+    last = tightened.shape[2] // 2 - 2  # trailer steering of the last free stage
+    wider = np.diff(whole[150, :, last]) - np.diff(tightened[150, :, last])
+    assert (wider > np.radians(1.0)) == tube
+    assert (len(made.feedback.law.reserve) > 0) == tube
+
+    residuals = np.zeros((60, 7))
+    residuals[:, State.Y] = 0.01  # autocorrelated
+    _, _, diagnostics = drive(residuals, follower=made)
+    acting = max(np.abs(tick.robust).max() for tick in diagnostics)
+    assert (acting > 1e-3) == robust
+    assert all(tick.tube is not None for tick in diagnostics)  # the monitor needs the design alone
+
+
 @pytest.mark.parametrize("stages", [3, 15])
 def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monkeypatch, stages):
     """What the later disturbances add obeys A + B K, and no limit cuts the inputs."""
