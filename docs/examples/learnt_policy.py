@@ -18,7 +18,6 @@ from typing import Any, Final
 
 import numpy as np
 import tomli_w
-from proving_ground.experiments.interfaces.gym_env import ENVIRONMENT_ID
 from proving_ground.experiments.interfaces.gym_env.policy import (
     ESTIMATE_NAMES,
     EstimateObserver,
@@ -26,6 +25,7 @@ from proving_ground.experiments.interfaces.gym_env.policy import (
 )
 from proving_ground.experiments.seeds import TUNING
 
+from proving_ground.gym import ENVIRONMENT_ID
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.reference import Reference
 from ttempc.types import Controller, Estimate, FloatArray

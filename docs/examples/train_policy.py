@@ -22,12 +22,12 @@ import tomli_w
 import torch
 from gymnasium.spaces import Box
 from learnt_policy import SIZES, Gains
-from proving_ground.experiments.interfaces.gym_env import ENVIRONMENT_ID
 from proving_ground.experiments.interfaces.gym_env.policy import ESTIMATE_NAMES
 from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
+from proving_ground.gym import ENVIRONMENT_ID
 from ttempc.types import Input
 
 CONTROLLER: Final = "feedforward"

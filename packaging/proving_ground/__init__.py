@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 if not (Path(__file__).parent / "testbed").is_dir():
     __path__.append(str(Path(__file__).parents[2]))
 
+# Before anything here imports MuJoCo: few of its users need a picture.
+import_module(".testbed.deferred_renderer", __name__).defer_renderer()
+
 __all__ = [
     "Record",
     "Scenario",

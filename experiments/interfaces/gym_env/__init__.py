@@ -1,8 +1,10 @@
-"""Gymnasium environment of the proving ground; importing it registers `ttempc/FieldTrial-v2`."""
+"""Gymnasium environment of the proving ground; importing it registers `ENVIRONMENT_ID`."""
+
+from typing import Final
 
 import gymnasium
 
-ENVIRONMENT_ID = "ttempc/FieldTrial-v2"
+ENVIRONMENT_ID: Final = "proving_ground/FieldTrial-v2"
 
 gymnasium.register(
     ENVIRONMENT_ID,

@@ -46,6 +46,8 @@ LARGEST_COST: Final = 100.0
 
 _LEFT_OUT: Final = (prepare, log_truth, log_timing)  # of real time and the log
 _SEEDS: Final = 2**32  # as of `ttempc run --seed`
+# Attributes of Gymnasium that a copy takes over: generators, and the place in its registry.
+_COPIED: Final = ("_np_random", "_np_random_seed", "action_space", "observation_space", "spec")
 
 Action = Literal["command", "residual"]
 Entries = NDArray[np.float32]
@@ -75,6 +77,10 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
     Estimator and supervisor of the run stay in place; the action replaces the
     command of the controller, or is added to it. `observation_names` has the entries of what a
     policy sees.
+
+    A copy, by `copy.deepcopy` or `pickle`, starts the run anew and drives it with the actions so
+    far, which gives the same state bit for bit in the time that they took: MuJoCo's model and the
+    threads of a run cannot be copied.
 
     Args:
         scenario: name of a scenario that ships, or path of a TOML file.
@@ -107,6 +113,15 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         trust: bool = False,
         render_mode: str | None = None,
     ) -> None:
+        self._arguments = {
+            "scenario": scenario,
+            "overrides": overrides,
+            "action": action,
+            "normalised": normalised,
+            "residual_share": residual_share,
+            "trust": trust,
+            "render_mode": render_mode,
+        }
         share, listed = residual_share, isinstance(overrides, list | tuple)
         texts = listed and all(isinstance(one, str) for one in overrides)
         for right, name, allowed, given in (
@@ -148,6 +163,26 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         self._parts = SharedParts(terrains=1, controllers=1)
         self._action = np.zeros(3)  # as the controller takes it
         self._run: Generator[TickContext, None, Outcome] | None = None
+        self._run_seed: int | None = None  # None: no run was started yet
+        self._actions: list[FloatArray] = []  # of the run so far
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what starts the run of a copy and brings it to the present tick."""
+        return {
+            "arguments": self._arguments,
+            "run_seed": self._run_seed,
+            "actions": self._actions,
+            "attributes": {name: vars(self)[name] for name in _COPIED if name in vars(self)},
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the environment of the same arguments and repeat the run."""
+        self.__init__(**state["arguments"])
+        if state["run_seed"] is not None:
+            self._start(state["run_seed"])
+            for action in state["actions"]:
+                self.step(action)
+        vars(self).update(state["attributes"])  # last: the repeated run draws nothing from them
 
     @property
     def truth(self) -> Truth:
@@ -166,18 +201,24 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         if seed is not None and seed >= _SEEDS:
             raise BadOptions(f"seed: must be from 0 to {_SEEDS - 1}, got {seed}")
         run_seed = int(self.np_random.integers(_SEEDS)) if seed is None else seed
+        return self._start(run_seed), {"seed": run_seed, "time_s": 0.0}
+
+    def _start(self, run_seed: int) -> Entries:
+        """Assemble the run of a seed and drive it to the first observation."""
         assembly = assemble(self._scenario, run_seed, self._controller, self._parts)
         self._reference, period_s = assembly.guidance.reference, assembly.guidance.period_s
         self._setup: SimulationSetup = assembly.setup(Tee(), 1.0 / period_s)
         self._guidance, self._ticks = assembly.guidance, assembly.ticks
         stages = tuple(stage for stage in assembly.stages if stage not in _LEFT_OUT)
         self._run = periods(self._setup, self._ticks, stages, lambda k: None)
+        self._run_seed = run_seed
+        self._actions = []
         self._sent = self._limits.clamp(self._reference.at(0.0).inputs)
         self._estimates = EstimateObserver(self._reference, period_s)
         outcome = self._proceed()
         if outcome is not None:
             raise InvalidScenario(f"reset: the run ended before it started: {outcome.failure}")
-        return self._observe(), {"seed": run_seed, "time_s": 0.0}
+        return self._observe()
 
     def step(self, action: Entries) -> tuple[Entries, float, bool, bool, dict[str, Any]]:
         """Drive a control period.
@@ -200,6 +241,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
             raise ValueError(one_line(f"step: the action must be three numbers: {error}")) from None
         if values.shape != (3,):
             raise ValueError(f"step: the action has the shape {values.shape}, must be (3,)")
+        self._actions.append(values)
         if self._normalised:
             values = np.clip(values, -1.0, 1.0)
             middle = 0.5 * (self._limits.upper + self._limits.lower)

@@ -134,6 +134,13 @@ def test_a_folder_of_another_user_is_not_used(sources):
     assert "another user" in line
 
 
+def test_without_a_writable_folder_nothing_is_said_where_nothing_compiles(sources):
+    """The process imports the kernel and calls none."""
+    (sources / "caller.py").write_text(CALLER.split("if __name__")[0] + "print(101.0, 0)\n")
+    homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME"), "/dev/null/x")
+    assert run_caller(sources, NUMBA_CACHE_DIR="", **homes) == (101.0, 0, [])
+
+
 def test_kernels_are_announced_while_a_thread_compiles_the_first_one(caplog):
     compilation = Compilation()
     compilation.on_start(None)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 from ctypes.util import find_library
 
 import gymnasium
@@ -23,7 +25,7 @@ from proving_ground.testbed.recording.channels import CONTROL, STATE, TRACKING
 
 from tests.testbed.truths import state_row
 
-ENVIRONMENT = "proving_ground.experiments.interfaces.gym_env:ttempc/FieldTrial-v2"
+ENVIRONMENT = "proving_ground.gym:proving_ground/FieldTrial-v2"
 STRAIGHT = ("path={kind='straight', length_m=6}",)
 COMMANDS = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 SEED = 7
@@ -83,6 +85,34 @@ def test_commands_of_a_run_give_its_states_bit_for_bit(driven):
     beta = scaled.unwrapped.observation_names.index("beta_rad")
     np.testing.assert_allclose(entries[0], np.clip(observations[0] / SCALE, -1.0, 1.0), rtol=1e-6)
     assert math.isclose(SCALE[beta], math.pi)
+
+
+@pytest.mark.parametrize("steps", [0, 12, 60], ids=["at the start", "under way", "at the end"])
+def test_a_copy_goes_on_as_the_environment_itself(steps):
+    """The run of 6 m ends after 31 steps; a copy of an ended run has ended."""
+    environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT, action="residual")
+    environment.reset(seed=SEED)
+    environment.action_space.seed(SEED)
+    ended = False
+    for _ in range(steps):
+        *_, terminated, truncated, _ = environment.step(environment.action_space.sample())
+        ended = terminated or truncated
+        if ended:
+            break
+    for copied in (copy.deepcopy(environment), pickle.loads(pickle.dumps(environment))):
+        np.testing.assert_array_equal(
+            state_row(copied.unwrapped.truth), state_row(environment.unwrapped.truth)
+        )
+        assert copied.unwrapped.spec.id == environment.unwrapped.spec.id
+        if ended:
+            with pytest.raises(ResetNeeded):
+                copied.unwrapped.step(np.zeros(3))
+    if not ended:
+        action = environment.action_space.sample()
+        first, second = environment.step(action), copied.step(action)
+        np.testing.assert_array_equal(first[0], second[0])
+        assert first[1:4] == second[1:4]
+    assert environment.reset()[1] == copied.reset()[1]  # the same generator
 
 
 def test_a_run_that_the_supervisor_stops_ends_as_that_of_the_command_line():
