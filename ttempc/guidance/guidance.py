@@ -2,7 +2,7 @@
 
 `Guidance.update` and `Guidance.step` are the whole loop, in the order in which data flows. What
 each call does is in the file of its object: `reference/reference.py`, `estimation/ekf.py`,
-`detection.py`, `laws/tracking_controller.py` with `mpc/`, `supervisor.py`.
+`../detectors/`, `laws/tracking_controller.py` with `mpc/`, `supervisor.py`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from ..detectors.interface import Reaction
+from ..detectors.monitors import Detect, Monitors
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
@@ -33,7 +35,6 @@ from ..types import Command, Estimate, Estimator, FloatArray, Input, Measurement
 from ..vehicle import Vehicle
 from .controllers import EstimatorFactory
 from .dead_time import Guided
-from .detection import Detector, Monitors, Reaction
 from .parts import ControllerFactory, Parts
 from .supervisor import SafetyLimits, Supervisor, user_part
 from .views import GuidanceViews
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 _PSI_T: Final = (ESTIMATE.fields or {})["state"][1] // 8 + State.PSI_T
 _HEADINGS: Final = slice(_PSI_T, _PSI_T + 2)
-_GO_ON: Final = int(Reaction.GO_ON)  # an enumeration costs six calls a tick
+_WARN: Final = int(Reaction.WARN)  # an enumeration costs six calls a tick
 
 
 class Guidance(GuidanceViews):
@@ -58,7 +59,7 @@ class Guidance(GuidanceViews):
         >>> guidance.step().delta_t, guidance.diagnostics.fallback
         (0.0, 'estimate not finite: command held')
 
-    `update` runs the estimator and the detectors of faults (`ttempc.guidance.detection`). `step`
+    `update` runs the estimator and the detectors of faults (`ttempc.detectors`). `step`
     checks the estimate against the reference, asks the controller, and limits its command. On a bad
     estimate, an alarm or a controller far from the reference it holds the command, slows down or
     stops (see `Supervisor`); `diagnostics.fallback` gives the reason.
@@ -88,7 +89,8 @@ class Guidance(GuidanceViews):
         learn: whether dead times, lags and lengths are learnt; or identifiers of your own.
         learn_field: whether disturbances are learnt by place and known on the next pass over the
             same line; or the `FieldMap.rows` of an earlier drive.
-        detect: whether the built-in detectors of faults run; or detectors of your own, beside them.
+        detect: whether the built-in detectors of faults run; or a list of the names of those that
+            run, of those that do not (`"-drift"`), and of detectors of your own beside them.
         compensate: whether dead times are compensated around a controller by name or factory, see
             `DeadTimeCompensation`; the estimator knows them.
 
@@ -115,7 +117,7 @@ class Guidance(GuidanceViews):
         speed_mps: float = 1.0,
         learn: bool | Sequence[Identifier] = True,
         learn_field: bool | FloatArray = False,
-        detect: bool | Sequence[Detector] = True,
+        detect: Detect = True,
         compensate: bool = True,
     ) -> None:
         if isinstance(reference, Reference) and reference.vehicle != vehicle:
@@ -130,8 +132,7 @@ class Guidance(GuidanceViews):
         given = vehicle, reference, period_s, controller, estimator, options
         noise = sensor_noise or SensorNoise()
         self._parts = Parts(*given, noise, tube, learn, learn_field, compensate)
-        own = () if isinstance(detect, bool) else detect
-        self._monitors = Monitors(own, built_in=detect is not False)
+        self._monitors = Monitors(detect)
         reasons = self._monitors.reason
         self._supervisor = Supervisor(self._parts.controller, reference, period_s, safety, reasons)
         self._alarms = np.zeros((0, ALARM))  # of the detectors, since the last update
@@ -173,7 +174,7 @@ class Guidance(GuidanceViews):
             rows, now, self._sent, estimate, self._innovations, vehicle, self._seen
         )
         learner, field = self._parts.learner, self._parts.field
-        faulty = bool(alarms.size and alarms[:, 0].max() > _GO_ON)
+        faulty = bool(alarms.size and alarms[:, 0].max() > _WARN)
         if faulty:
             learner.forget()
         if field is not None:

@@ -14,6 +14,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..detectors.interface import Reaction
+from ..detectors.table import DetectorIndex
 from ..errors import ControllerFailed, GuidanceFailed, InvalidTuning
 from ..jit import cached_njit, record
 from ..laws.tracking_controller import TrackingController, write_told
@@ -35,7 +37,6 @@ from ..types import (
 )
 from ..vehicle import CommandLimits
 from .dead_time import DeadTimeCompensation
-from .detection import DetectorIndex, Reaction
 
 # Modes:
 DRIVE: Final = 0  # the controller drives, at half speed where there is a reason.
@@ -509,7 +510,7 @@ class Supervisor:
     - No GNSS sample accepted for some time, an old estimate, or an uncertain position: half speed,
       then stop. Both end as soon as the position is known again. An estimator that reports no
       innovation of GNSS is judged by its time stamps and its covariance alone.
-    - An alarm of a detector (`ttempc.guidance.detection`): reported, half speed, or a stop until
+    - An alarm of a detector (`ttempc.detectors`): reported, half speed, or a stop until
       its cause has ended, in which the controller steers where the alarm lets it. After a
       jump or a drift of the position that lasts, only `resume` ends it.
     - Metres away from the reference, or a large yaw error: stop for good. A vehicle that starts

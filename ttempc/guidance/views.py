@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..detectors.interface import Alarm, Detector
+from ..detectors.monitors import Monitors
 from ..errors import GuidanceFailed
 from ..layout import Innovations, estimate_view
 from ..reference.reference import Reference
 from ..types import Command, ControlStep, Diagnostics, Estimate, FloatArray
 from ..vehicle import Vehicle
-from .detection import Alarm, Detector, Monitors
 from .parts import Parts
 from .supervisor import Supervisor
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from ttempc.guidance.detection import Alarm, Observation, Reaction
+from ttempc.detectors.interface import Alarm, Observation, Reaction
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import SafetyLimits, run_on
 from ttempc.reference.path import Projection

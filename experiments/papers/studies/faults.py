@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from ttempc.guidance.detection import Alarm, Reaction
+from ttempc.detectors.interface import Alarm, Reaction
 
 from ....testbed.recording.channels import REFERENCE, STATE
 from ....testbed.recording.record import REACTION, Record, Recorder
@@ -175,7 +175,7 @@ def alarms(case: Case) -> Row:
     state = recorder.record()[STATE]
     counts: dict[str, Counter[str]] = {name: Counter() for name in _KINDS}
     for time_s, alarm in begun:
-        acted = alarm.reaction is not Reaction.GO_ON or bool(alarm.unused)
+        acted = alarm.reaction is not Reaction.WARN or bool(alarm.unused)
         kind = "checked" if alarm.detector == "drift" else "acted" if acted else "reported"
         if alarm.detector in ("wheels", "motion"):
             span = (state.time_s > time_s - _SPAN_S) & (state.time_s <= time_s)

@@ -10,7 +10,7 @@ import pytest
 from tests.ttempc.closed_loop import PERIOD_S, Supervised, seen_truth
 from ttempc.errors import ControllerFailed
 from ttempc.guidance.controllers import make_controller
-from ttempc.guidance.detection import Alarm, Reaction
+from ttempc.detectors.interface import Alarm, Reaction
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import (

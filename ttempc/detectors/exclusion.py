@@ -1,0 +1,34 @@
+"""Exclusion of sensors by the alarms of detectors."""
+
+from ..models.augmented_state import SensorIndex
+from .board import WARN, AlarmColumn, Record, stands
+from .history import kernel
+from .position import excludes_gnss
+from .table import DetectorIndex
+
+
+@kernel
+def exclude_sensors(board: Record, position: Record, last: Record, now: float) -> None:
+    """Exclude the sensors that alarms are about, beside those that repeat their readings.
+
+    - wheels: the encoder, where it is what is wrong;
+    - hitch: its sensor and both IMUs, of which a gyro may be what lies;
+    - position: both receivers, while the vehicle rolls.
+
+    The filter gets no sample of an excluded sensor from the next tick on; detectors still see them.
+
+    Args:
+        board: record `BOARD` after the alarms of the tick.
+        position: record `POSITION`.
+        last: record `LAST_ESTIMATE` of this tick.
+        now: time of the tick [s].
+    """
+    if board.alarms[DetectorIndex.WHEELS, AlarmColumn.REACTION] == WARN:
+        board.excluded[SensorIndex.ENCODER] = 1.0
+    if stands(board, DetectorIndex.HITCH):
+        board.excluded[SensorIndex.HITCH] = 1.0
+        board.excluded[SensorIndex.IMU_TRACTOR] = 1.0
+        board.excluded[SensorIndex.IMU_TRAILER] = 1.0
+    if excludes_gnss(position, last, board, now):
+        board.excluded[SensorIndex.GNSS_TRACTOR] = 1.0
+        board.excluded[SensorIndex.GNSS_TRAILER] = 1.0

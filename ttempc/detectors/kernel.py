@@ -1,0 +1,173 @@
+"""A tick of all built-in detectors, one compiled call; what they remember, one flat record."""
+
+from typing import Final
+
+import numpy as np
+
+from ..jit import record
+from ..layout import ESTIMATE
+from ..models.augmented_state import SensorIndex
+from ..types import FloatArray
+from .board import BOARD, Record, TickData, latch_alarms, new_board
+from .drift import DRIFT, new_drift, observe_drift
+from .exclusion import exclude_sensors
+from .history import kernel
+from .hitch import HITCH, observe_hitch
+from .innovations import INNOVATIONS, observe_innovations
+from .motion import SPEED_SUMS, hold_motion, observe_motion, observe_wheels
+from .position import (
+    LAST_ESTIMATE,
+    POSITION,
+    average_roughness,
+    new_last_estimate,
+    new_position,
+    observe_position,
+    observe_protection,
+    remember_estimate,
+)
+from .readings import READINGS, new_readings, observe_readings
+from .speeds import SPEEDS, measure_speeds, new_speeds
+from .standstill import STANDSTILL, new_standstill
+from .steering import observe_standstill, observe_steering
+from .table import DetectorIndex
+from .valve import VALVE, compare_valve, new_valve
+
+_JUDGED: Final = int(SensorIndex.IMU_TRACTOR)  # sensors whose readings are judged, the first ones
+
+DETECTORS: Final = np.dtype(
+    [
+        ("board", BOARD),
+        ("readings", READINGS, _JUDGED),  # by `SensorIndex`
+        ("speeds", SPEEDS),
+        ("motion", SPEED_SUMS),
+        ("wheels", SPEED_SUMS),
+        ("last", LAST_ESTIMATE),
+        ("hitch", HITCH),
+        ("position", POSITION),
+        ("drift", DRIFT),
+        ("standstill", STANDSTILL),
+        ("valves", VALVE, 2),  # front, trailer
+        ("innovations", INNOVATIONS, 4),  # GNSS of tractor and trailer, hitch, encoder
+    ]
+)
+"""What the built-in detectors remember; flat, an array of `DETECTORS.itemsize // 8` numbers."""
+
+
+def new_detectors() -> FloatArray:
+    """Return the record `DETECTORS` before the first tick, flat."""
+    flat = np.zeros(DETECTORS.itemsize // 8)
+    detectors = flat.view(DETECTORS)[0]
+    detectors["board"] = new_board().view(BOARD)[0]
+    detectors["readings"] = new_readings().view(READINGS)[0]
+    detectors["speeds"] = new_speeds().view(SPEEDS)[0]
+    detectors["last"] = new_last_estimate().view(LAST_ESTIMATE)[0]
+    detectors["position"] = new_position().view(POSITION)[0]
+    detectors["drift"] = new_drift().view(DRIFT)[0]
+    detectors["standstill"] = new_standstill().view(STANDSTILL)[0]
+    detectors["valves"] = new_valve().view(VALVE)[0]
+    return flat
+
+
+@kernel
+def observe_detectors(
+    parameters: FloatArray,
+    state: FloatArray,
+    rows: FloatArray,
+    now: float,
+    command: FloatArray,
+    estimate: FloatArray,
+    innovations: FloatArray,
+) -> None:
+    """Advance all built-in detectors by a tick, in place.
+
+    Samples come first: their readings decide which of them the others see. Every detector reads the
+    alarms of the tick before; the new ones begin and end at the end.
+
+    Args:
+        parameters: of the vehicle, see `VehicleParameter`.
+        state: record `DETECTORS`; changes.
+        rows: samples (n, `SAMPLE`) that arrived since the tick before, in the order of arrival.
+        now: time of the tick [s].
+        command: of the period before (3,), NaN where there was none.
+        estimate: record `ESTIMATE` of this tick.
+        innovations: of the samples of this tick (n, `INNOVATION`).
+    """
+    s = record(state, DETECTORS)
+    board = s.board
+    span_s = now - s.last.time_s
+    seen = record(estimate, ESTIMATE)
+    data = TickData(now, span_s, parameters, rows, command, seen, innovations)
+
+    board.excluded[:] = 0.0
+    for sensor in range(_JUDGED):
+        if board.enabled[sensor]:
+            observe_readings(s.readings[sensor], board, data, sensor)
+    _observe_speeds(s, data)
+    _observe_estimate(s, data)
+    _observe_valves(s, data)
+    _observe_innovations(s, data)
+
+    hold_motion(board)
+    latch_alarms(board)
+    exclude_sensors(board, s.position, s.last, now)
+
+
+@kernel
+def _observe_speeds(s: Record, data: TickData) -> None:
+    """Run the detectors of motion and wheels."""
+    board = s.board
+    measure_speeds(s.speeds, s.standstill, board, data)
+    if board.enabled[DetectorIndex.MOTION]:
+        observe_motion(s.motion, s.speeds, board)
+    if board.enabled[DetectorIndex.WHEELS]:
+        observe_wheels(s.wheels, s.speeds, board)
+
+
+@kernel
+def _observe_estimate(s: Record, data: TickData) -> None:
+    """Run the detectors that compare the estimate with what a vehicle can do."""
+    board = s.board
+    average_roughness(s.last, board, data)
+    if board.enabled[DetectorIndex.HITCH]:
+        observe_hitch(s.hitch, board, data)
+    if board.enabled[DetectorIndex.POSITION]:
+        observe_position(s.position, s.last, s.motion, s.wheels, board, data)
+    if board.enabled[DetectorIndex.PROTECTION]:
+        observe_protection(s.position, s.last, board, data)
+    if board.enabled[DetectorIndex.DRIFT]:
+        roughness = s.last.roughness
+        observe_drift(s.drift, s.standstill, board, data, roughness, s.speeds.position_sd)
+    remember_estimate(s.last, data)
+
+
+@kernel
+def _observe_valves(s: Record, data: TickData) -> None:
+    """Run both detectors of each steering valve."""
+    board = s.board
+    for axis in range(2):
+        valve = s.valves[axis]
+        follows = board.enabled[DetectorIndex.STEERING_FRONT + axis]
+        stands_still = board.enabled[DetectorIndex.STANDSTILL_FRONT + axis]
+        if follows or stands_still:
+            compare_valve(valve, board, data, axis)
+        if follows:
+            observe_steering(valve, board, axis)
+        if stands_still:
+            observe_standstill(valve, board, axis)
+
+
+@kernel
+def _observe_innovations(s: Record, data: TickData) -> None:
+    """Run the detectors of the innovations of four sensors."""
+    _of_sensor(s, data, DetectorIndex.INNOVATIONS_GNSS_TRACTOR, SensorIndex.GNSS_TRACTOR)
+    _of_sensor(s, data, DetectorIndex.INNOVATIONS_GNSS_TRAILER, SensorIndex.GNSS_TRAILER)
+    _of_sensor(s, data, DetectorIndex.INNOVATIONS_HITCH, SensorIndex.HITCH)
+    _of_sensor(s, data, DetectorIndex.INNOVATIONS_ENCODER, SensorIndex.ENCODER)
+
+
+@kernel
+def _of_sensor(s: Record, data: TickData, index: int, sensor: int) -> None:
+    """Run the detector of the innovations of a sensor."""
+    if s.board.enabled[index]:
+        memory = s.innovations[index - DetectorIndex.INNOVATIONS_GNSS_TRACTOR]
+        observe_innovations(memory, s.board, data, index, sensor)
