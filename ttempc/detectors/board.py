@@ -59,10 +59,10 @@ class InnovationColumn(IntEnum):
     """Column of an innovation, see `ttempc.layout.INNOVATION`."""
 
     SENSOR = 0
-    SQUARE = 1  # normalised
+    NORMALISED_SQUARED = 1
     DIMENSION = 2  # 0: there is none of this sample
     ACCEPTED = 3
-    WHITENED = 4  # the first entry
+    WHITENED_FIRST = 4
     LOG_DETERMINANT = 6
 
 

@@ -167,7 +167,7 @@ def _drift_ratio(memory: Record) -> float:
 
 @kernel
 def _slip_ratio(memory: Record) -> float:
-    """Return the change of the wheel slip from its usual mean over its bound, 0 before the first."""
+    """Return the change of the wheel slip from its usual mean over its bound, 0 at first."""
     if math.isnan(memory.slip_short):
         return 0.0
     return abs(memory.slip_short - memory.slip_usual) / _SLIP_BOUND

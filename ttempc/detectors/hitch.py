@@ -82,7 +82,7 @@ def _take_innovations(memory: Record, board: Record, data: TickData) -> float:
     for row in range(len(data.innovations)):
         innovation = data.innovations[row]
         sensor = int(innovation[InnovationColumn.SENSOR])
-        whitened = innovation[InnovationColumn.WHITENED]
+        whitened = innovation[InnovationColumn.WHITENED_FIRST]
         if sensor == SensorIndex.HITCH and math.isfinite(whitened):
             total += whitened
             entries += 1.0

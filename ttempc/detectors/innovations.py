@@ -44,7 +44,7 @@ def observe_innovations(
     entries = 0.0
     for row in range(len(data.innovations)):
         innovation = data.innovations[row]
-        square = innovation[InnovationColumn.SQUARE]
+        square = innovation[InnovationColumn.NORMALISED_SQUARED]
         if int(innovation[InnovationColumn.SENSOR]) == sensor and math.isfinite(square):
             total += min(square, _MOST_SQUARE)
             entries += innovation[InnovationColumn.DIMENSION]

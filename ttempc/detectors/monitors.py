@@ -119,9 +119,7 @@ class Monitors:
         if self._count:
             if vehicle is not self._vehicle:
                 self._take_vehicle(vehicle)
-            observe_detectors(
-                self._parameters, self.record, rows, now, sent, estimate, innovations
-            )
+            observe_detectors(self._parameters, self.record, rows, now, sent, estimate, innovations)
         if self._own:
             command = None if math.isnan(sent[0]) else Command(*sent.tolist())
             usable = rows[~np.isin(rows[:, 1], self._excluded())]

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from .board import AlarmColumn, Record, WARN
+from .board import WARN, AlarmColumn, Record
 from .history import cusum, kernel
 from .interface import Reaction
 from .table import DetectorIndex

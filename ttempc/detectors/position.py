@@ -11,8 +11,8 @@ import numpy as np
 from ..models.augmented_state import SensorIndex
 from ..types import Disturbance, FloatArray, State
 from .board import WARN, AlarmColumn, Record, TickData, stands
-from .hitch import SETTLED_S
 from .history import kernel
+from .hitch import SETTLED_S
 from .motion import wheels_spin
 from .table import DetectorIndex
 

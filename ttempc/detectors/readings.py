@@ -168,9 +168,7 @@ def observe_noise(memory: Record, reading: float) -> None:
     # The means follow the sensor in good health, not while it seems to have lost its noise.
     if not learnt or memory.run <= _LEAST_RUN:
         memory.learnt = min(memory.learnt + 1.0, _MOST_LEARNT)
-        memory.second_differences += (
-            second_difference - memory.second_differences
-        ) / memory.learnt
+        memory.second_differences += (second_difference - memory.second_differences) / memory.learnt
         memory.steps += (step * step - memory.steps) / memory.learnt
     if step > 0.0:
         memory.resolution = min(memory.resolution, step)

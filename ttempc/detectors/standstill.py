@@ -75,14 +75,14 @@ def check_standstill(memory: Record, board: Record, data: TickData, position_sd:
 
         D = S_tt - S_t^2 / n,   |w| = |(S_xt - S_t S_x / n, S_yt - S_t S_y / n)| / D,
 
-    and w has the standard deviation s / sqrt(D). The check ends after 4 s if five of these are below
-    1.2 cm/s, else after 20 s. GNSS has moved where |w| is above both. Where it has moved in two
-    checks in succession a drift is confirmed: the alarm stands until `resume`, and there is no
+    and w has the standard deviation s / sqrt(D). The check ends after 4 s if five of these are
+    below 1.2 cm/s, else after 20 s. GNSS has moved where |w| is above both. Where it has moved in
+    two checks in succession a drift is confirmed: the alarm stands until `resume`, and there is no
     further check. A vehicle that rolls begins the check anew.
 
     Args:
         memory: record `STANDSTILL`.
-        board: record `BOARD`; the alarm of `DRIFT` gets the speed [cm/s] and whether it is confirmed.
+        board: record `BOARD`; the alarm of drift gets |w| [cm/s] and whether it is confirmed.
         data: of the tick.
         position_sd: of the white noise of the positions [m].
     """

@@ -74,7 +74,7 @@ def _wheels(reaction: Reaction, numbers: Sequence[float]) -> str:
     return words
 
 
-def _drift(_: Reaction, numbers: Sequence[float]) -> str:
+def _drift(reaction: Reaction, numbers: Sequence[float]) -> str:
     speed_cmps, confirmed, _ = numbers
     if confirmed:
         return f"GNSS drifts by {speed_cmps:.1f} cm/s while the vehicle stands"

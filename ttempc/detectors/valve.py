@@ -85,8 +85,8 @@ _MOST_PLAY: Final = math.radians(1.0)
 class Samples(NamedTuple):
     """Samples of an angle in a tick."""
 
-    count: int
-    mean: float  # [rad]
+    number: int
+    mean: float  # [rad]; 0 where there are none
     earliest_s: float
     latest_s: float
 
@@ -128,7 +128,7 @@ def compare_valve(memory: Record, board: Record, data: TickData, axis: int) -> N
         _advance_response(memory, data, axis)
 
     samples = _take_samples(memory, board, data, axis)
-    if not samples.count:
+    if not samples.number:
         return
     if not known:
         _start_response(memory, data.now, samples.mean)
@@ -139,7 +139,7 @@ def compare_valve(memory: Record, board: Record, data: TickData, axis: int) -> N
         sum_limit = board.limit[DetectorIndex.STEERING_FRONT + axis]
         refuted_limit = board.limit[DetectorIndex.STANDSTILL_FRONT + axis]
         _add_intervals(memory, intervals)
-        _scale_residuals(memory, samples.count)
+        _scale_residuals(memory, samples.number)
         _compare_intervals(memory, samples.mean, sum_limit)
         _refute_intervals(memory, data.now, refuted_limit)
         _learn_play(memory, data.now)

@@ -15,18 +15,24 @@ _intrinsic: Any = intrinsic  # whose types do not know that numba hands over the
 
 
 class _Fields:
-    """A record whose fields are attributes, as in compiled code; it shares the array's memory."""
+    """A record whose fields are attributes, as in compiled code; it shares the array's memory.
+
+    A field may be a record of its own, or an array of records.
+    """
 
     __slots__ = ("_record",)
 
     def __init__(self, record: np.void) -> None:
         object.__setattr__(self, "_record", record)
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a number or an array
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a number, an array, a record
         try:
-            return self._record[name]
+            value = self._record[name]
         except ValueError as error:
             raise AttributeError(str(error)) from None
+        if value.dtype.names is None:
+            return value
+        return _Fields(value) if isinstance(value, np.void) else _Records(value)
 
     def __setattr__(self, name: str, value: Any) -> None:  # noqa: ANN401
         self._record[name] = value
@@ -34,6 +40,21 @@ class _Fields:
     def __repr__(self) -> str:
         names = self._record.dtype.names or ()
         return f"record({', '.join(f'{name}={self._record[name]}' for name in names)})"
+
+
+class _Records:
+    """Records in an array, as a field of a record."""
+
+    __slots__ = ("_array",)
+
+    def __init__(self, array: NDArray[np.void]) -> None:
+        self._array = array
+
+    def __len__(self) -> int:
+        return len(self._array)
+
+    def __getitem__(self, index: int) -> _Fields:
+        return _Fields(self._array[index])
 
 
 def _plain_record(row: NDArray[np.float64], kind: np.dtype[Any]) -> _Fields:
