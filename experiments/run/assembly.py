@@ -278,7 +278,8 @@ def _guidance(
     settings, vehicle = scenario.controller, plan.reference.vehicle
     true_state = settings.estimator == TRUTH
     # A session has detectors of its own, which stay.
-    detect = {} if settings.detect or isinstance(guide, partial) else {"detect": False}
+    keeps_default = settings.detect is True or isinstance(guide, partial)
+    detect = {} if keeps_default else {"detect": settings.detect}
     return guide(
         vehicle,
         plan.reference,

@@ -9,6 +9,8 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from ttempc.detectors.monitors import chosen
+from ttempc.errors import InvalidTuning
 from ttempc.estimation.noise import SensorNoise
 from ttempc.guidance.controllers import CONTROLLERS, ESTIMATORS, controller_options, speed_tube
 from ttempc.reference.corridor import SpeedTube
@@ -180,12 +182,17 @@ class ControllerSettings:
     """Whether parameters of the model are learnt while driving, see docs/method.md, Learning."""
     learn_field: bool = False
     """Whether disturbances are learnt by place, for later passes over the same line."""
-    detect: bool = True
-    """Whether the built-in detectors of faults may stop the vehicle; under `serve` always."""
+    detect: bool | list[str] = True
+    """Whether the built-in detectors of faults run; or the names of those that do, of ttempc's
+    detectors/table.py, or, each after a minus sign, of those that do not. Under `serve` all run."""
     compensate: bool = True
     """Whether dead times of the valves are compensated, given or learnt."""
 
     def __post_init__(self) -> None:
+        try:
+            chosen(self.detect)
+        except InvalidTuning as error:
+            raise InvalidScenario(f"controller.{error}") from None
         if ":" not in self.estimator and self.estimator not in (*ESTIMATORS, TRUTH):
             allowed = ", ".join(sorted((*ESTIMATORS, TRUTH)))
             raise InvalidScenario(
