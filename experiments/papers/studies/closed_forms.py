@@ -148,7 +148,7 @@ def pull(machine: Machine) -> list[float]:
             power = plant.data.actuator_force[hydrostat] * plant.data.actuator_velocity[hydrostat]
             net = truth.wheels.force_long[DRIVEN].sum()
             load = truth.wheels.load[DRIVEN].sum()
-            slip = 1.0 - truth.speed / truth.rim_speed
+            slip = 1.0 - truth.speed / truth.wheel_speed
             rows.append((slip, net / load, 100.0 * net * truth.speed / power))
         slip, ratio, efficiency = np.array(rows[50:]).T
         figures += np.interp(slips, slip, ratio).tolist()
