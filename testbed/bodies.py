@@ -67,9 +67,7 @@ def velocity_of(bodies: Bodies, body: int) -> Vector:
     """Return the velocity of a body's origin [m/s]."""
     at_centre = bodies.velocities[body, 3:]
     rotation = row_vector(bodies.velocities, body)
-    arm = subtract(
-        row_vector(bodies.positions, body), row_vector(bodies.subtree_centres, _VEHICLE)
-    )
+    arm = subtract(row_vector(bodies.positions, body), row_vector(bodies.subtree_centres, _VEHICLE))
     return add((at_centre[0], at_centre[1], at_centre[2]), cross(rotation, arm))
 
 

@@ -180,7 +180,7 @@ def move_valves(
         command: (3,) that is sent at this step.
         delta_t, delta_i: present steering angles [rad].
     """
-    valves = record(state[:_STATE_SIZE], VALVE_STATE)
+    valves = record(state, VALVE_STATE)
     now = int(valves.step)
     valves.step = now + 1.0
     ring = _STATE_SIZE
@@ -226,7 +226,7 @@ def move_valves(
 @cached_njit(error_model="numpy", boundscheck=False)
 def put_set_points(state: FloatArray, ctrl: FloatArray) -> None:
     """Write the set points into MuJoCo's controls, (3,)."""
-    valves = record(state[:_STATE_SIZE], VALVE_STATE)
+    valves = record(state, VALVE_STATE)
     for axis in range(_AXES):
         ctrl[axis] = valves.set_point[axis]
 

@@ -36,7 +36,6 @@ from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..vehicle.vehicle import Steering
 from ..wheels.tyre import TYRE
-from ..wheels.tyre import TYRE
 from ..wheels.wheel_models import SoilWheels
 from .fault import SAME_TIME_S, Fault, FaultContext, Key, Row, Window, fault_type
 

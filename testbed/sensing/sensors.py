@@ -137,7 +137,7 @@ class SensorSuite:
         A sample bears the time at which it was taken, whatever its latency.
 
         Args:
-            truths: rows of `TruthBlock` (n, TRUTH_SIZE), in the order of time; no moment is left out.
+            truths: rows of `TruthBlock` (n, TRUTH_SIZE), in the order of time, none left out.
             first: physics step of the first one.
             stride: physics steps from one to the next.
 

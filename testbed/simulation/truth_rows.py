@@ -173,7 +173,7 @@ def _write_poses(state: State, poses: FloatArray) -> None:
 
 @cached_njit(error_model="numpy", boundscheck=False)
 def _write_tool(state: State, row: FloatArray) -> None:
-    tool = record(row[:TOOL_SIZE], TOOL)
+    tool = record(row, TOOL)
     lift = record(state.lift, LIFT)
     trailer = state.places.trailer
     position = row_vector(state.bodies.positions, trailer)

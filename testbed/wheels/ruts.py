@@ -15,7 +15,7 @@ the ground like any other.
 """
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -50,6 +50,13 @@ class Ruts(NamedTuple):
     travel: FloatArray  # (n,) [m] of each wheel since it last pressed, changed in place
     # (n,) soil's resistance under each wheel over that of new soil, minus 1; changed in place
     excess: FloatArray
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return the state of wheels that leave no ruts."""
+        firm = np.empty((0, 0))
+        firm.setflags(write=False)  # as the heights of a terrain: one compiled version
+        return cls(firm, np.empty((0, 0)), np.empty(0), np.empty(0))
 
 
 @cached_njit(error_model="numpy", boundscheck=False)

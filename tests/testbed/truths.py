@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from proving_ground.testbed.truth import STATE_COLUMNS, TruthBlock, Pose, Truth, Wheels
+from proving_ground.testbed.truth import STATE_COLUMNS, Pose, Truth, TruthBlock, Wheels
 
 _LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

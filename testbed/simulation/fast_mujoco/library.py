@@ -11,8 +11,10 @@ from typing import Final, NamedTuple, Self
 import llvmlite.binding
 import mujoco
 import numpy as np
-from numba import config, types
+from numba import types
 from numpy.typing import NDArray
+
+from ttempc.jit import IS_PLAIN
 
 PLAIN: Final = "TTEMPC_PLAIN"
 """Variable of the environment that switches to plain steps, any text but "" and "0"."""
@@ -68,7 +70,7 @@ _OPTIONS: Final = (  # of `mjOption` after its numbers
 
 def switched_off() -> bool:
     """Return whether plain steps are asked for."""
-    return bool(config.DISABLE_JIT) or os.environ.get(PLAIN, "") not in ("", "0")
+    return IS_PLAIN or os.environ.get(PLAIN, "") not in ("", "0")
 
 
 def missing_symbols() -> list[str]:
