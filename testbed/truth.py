@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, NamedTuple
+
+import numpy as np
 
 from ttempc.types import FloatArray
 
@@ -67,7 +69,7 @@ class Truth:
     lateral_speed: float  # [m/s] of the tractor point to the tractor's left
     yaw_rate_t: float  # [rad/s] of the tractor
     yaw_rate_i: float  # [rad/s] of the trailer
-    rim_speed: float  # [m/s] mean of omega r over the two rear wheels, the encoder's quantity
+    wheel_speed: float  # [m/s] mean of omega r over the two rear wheels, the encoder's quantity
     set_points: FloatArray  # (3,) of both steering servos [rad] and of the hydrostat
     antennas: FloatArray  # (2, 3) [m] of tractor and trailer, map frame
     wheels: Wheels
@@ -80,39 +82,73 @@ MOTION: Final = (
     *("time_s", "x_t", "y_t", "psi_t", "x_i", "y_i", "psi_i"),
     *("z_t", "pitch_t", "roll_t", "z_i", "pitch_i", "roll_i", "psi_d", "beta"),
     *("delta_t", "delta_i", "hp", "speed", "lateral_speed", "yaw_rate_t", "yaw_rate_i"),
-    *("rim_speed", "delta_t_set_point", "delta_i_set_point", "hp_set_point"),
+    *("wheel_speed", "delta_t_set_point", "delta_i_set_point", "hp_set_point"),
 )
-"""Names of the first numbers in a row of `Moments`, with the units of `Truth`."""
+"""Names of the first numbers in a row of `TruthBlock`, with the units of `Truth`."""
 
-TRUTH_SIZE: Final = 74
-STATE_COLUMNS: Final = slice(1, 26)  # `MOTION` without the time, as the channel `/state`
-TYRE_COLUMNS: Final = slice(26, 68)  # wheels, fields of `Wheels`, as the channel `/tyres`
-ANTENNA_COLUMNS: Final = slice(68, 74)
-TOOL_SIZE: Final = 6  # numbers of a `Tool` before its arrays
-TOOL_LOWERED: Final = 4  # column of a tool's row
+TRUTH: Final = np.dtype(
+    [
+        *((name, np.float64) for name in MOTION),
+        ("wheels", np.float64, (len(WHEELS), len(Wheels._fields))),
+        ("antennas", np.float64, (2, 3)),
+    ]
+)
+"""Row of `TruthBlock`."""
+
+TOOL: Final = np.dtype([(each.name, np.float64) for each in fields(Tool) if each.type == "float"])
+"""Numbers of a `Tool` before its arrays."""
 
 
-class Moments(NamedTuple):
+def _columns(first: str, after: str) -> slice:
+    """Return the columns of `TRUTH` from a field up to another."""
+    assert TRUTH.fields is not None
+    return slice(TRUTH.fields[first][1] // 8, TRUTH.fields[after][1] // 8)
+
+
+TRUTH_SIZE: Final = TRUTH.itemsize // 8
+STATE_COLUMNS: Final = _columns("x_t", "wheels")  # `MOTION` without the time, as channel `/state`
+TYRE_COLUMNS: Final = _columns("wheels", "antennas")  # fields of `Wheels`, as channel `/tyres`
+ANTENNA_COLUMNS: Final = slice(TYRE_COLUMNS.stop, TRUTH_SIZE)
+TOOL_SIZE: Final = TOOL.itemsize // 8
+TOOL_LOWERED: Final = (TOOL.names or ()).index("lowered")  # column of a tool's row
+
+
+class TruthBlock(NamedTuple):
     """States of the plant at the stops of a drive; the arrays are the receiver's own."""
 
-    rows: FloatArray  # (n, TRUTH_SIZE) `MOTION`, wheels, antennas
+    rows: FloatArray  # (n, TRUTH_SIZE) rows `TRUTH`
     poses: FloatArray  # (n, bodies, 7) [m] x, y, z and quaternion w, x, y, z of every body
-    # (n, 6 + 3 m) numbers of a `Tool` with m points, then its arrays; (n, 0) without an implement
+    # (n, TOOL_SIZE + 3 m) numbers of a `Tool` with m points, then its arrays; (n, 0) without one
     tools: FloatArray
 
     def truth(self, number: int) -> Truth:
         """Return the view of a row; its arrays are those of the row."""
-        row, bodies, tool = self.rows[number], self.poses[number], self.tools[number]
-        time_s, x_t, y_t, psi_t, x_i, y_i, psi_i, z_t, pitch_t, roll_t, *rest = row[:23].tolist()
+        row = self.rows[number]
+        bodies = self.poses[number]
+        tool = self.tools[number]
+        motion = dict(zip(MOTION, row[: len(MOTION)].tolist(), strict=True))
+
+        def pose(body: str) -> Pose:
+            names = ("x", "y", "z", "psi", "pitch", "roll")
+            return Pose(*(motion[f"{name}_{body}"] for name in names))
+
         return Truth(
-            time_s,
-            Pose(x_t, y_t, z_t, psi_t, pitch_t, roll_t),
-            Pose(x_i, y_i, rest[0], psi_i, rest[1], rest[2]),
-            *rest[3:],
-            set_points=row[23:26],
+            **{name: motion[name] for name in _SCALARS},
+            tractor=pose("t"),
+            trailer=pose("i"),
+            set_points=row[_SET_POINTS],
             antennas=row[ANTENNA_COLUMNS].reshape(2, 3),
             wheels=Wheels(*row[TYRE_COLUMNS].reshape(len(WHEELS), -1).T),
             body_xyz=bodies[:, :3],
             body_quat=bodies[:, 3:],
-            tool=Tool(*tool[:6].tolist(), *tool[6:].reshape(3, -1)) if len(tool) else None,
+            tool=_tool_of(tool) if len(tool) else None,
         )
+
+
+_SET_POINTS: Final = _columns("delta_t_set_point", "wheels")
+_SCALARS: Final = tuple(each.name for each in fields(Truth) if each.name in MOTION)
+
+
+def _tool_of(row: FloatArray) -> Tool:
+    depth, draft, side = row[TOOL_SIZE:].reshape(3, -1)
+    return Tool(*row[:TOOL_SIZE].tolist(), depth, draft, side)

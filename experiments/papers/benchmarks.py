@@ -37,7 +37,7 @@ from ...testbed.randomness import generator
 from ...testbed.recording.channels import TIMING
 from ...testbed.recording.provenance import machine
 from ...testbed.recording.record import Recorder, Tee
-from ...testbed.simulation import compiled_steps
+from ...testbed.simulation.fast_mujoco.library import Clock
 from ...testbed.simulation.loop import STAGES
 from ...testbed.simulation.plant import Plant
 from ...testbed.vehicle.vehicle import PlantVehicle
@@ -125,14 +125,16 @@ def bare_step_s(steps: int = 500, blocks: int = 20) -> float:
     steering, without ground, gravity, contacts and MuJoCo's clock. The fastest block counts.
     """
     model = mujoco.MjModel.from_xml_path(str(Path(__file__).parent / "baseline" / "vehicle.xml"))
-    data, clock, times = mujoco.MjData(model), compiled_steps.clock(), []
-    address, clock[0] = int(clock[0]), 0
+    data = mujoco.MjData(model)
+    clock = Clock.of_library()
+    times = []
+    clock.variable[0] = 0
     for _ in range(blocks):
         mujoco.mj_resetDataKeyframe(model, data, 0)
         begin = time.thread_time()
         mujoco.mj_step(model, data, steps)
         times.append(time.thread_time() - begin)
-    clock[0] = address
+    clock.variable[0] = clock.address
     return min(times) / steps
 
 

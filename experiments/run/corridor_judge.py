@@ -9,7 +9,7 @@ from ttempc.reference.path import Projection
 from ttempc.types import FloatArray
 
 from ...testbed.recording.channels import REFERENCE
-from ...testbed.truth import TOOL_LOWERED, Moments
+from ...testbed.truth import TOOL_LOWERED, TruthBlock
 
 _NAN = math.nan
 
@@ -32,7 +32,7 @@ class CorridorJudge:
         self._trailer = _Line(trailer)
         self._tool = _Line(trailer - behind * np.column_stack([np.cos(yaw), np.sin(yaw)]))
 
-    def rows(self, moments: Moments) -> FloatArray:
+    def rows(self, moments: TruthBlock) -> FloatArray:
         """Return the rows at some moments, (n, fields); call it in the order of time."""
         rows = []
         for number, tool in enumerate(moments.tools.tolist()):

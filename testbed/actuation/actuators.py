@@ -1,15 +1,15 @@
 """Command path of the actuators: dead time, dead band, backlash, resolution and flow.
 
-    command -> resolution -> dead time -> dead band -> play -> flow -> set point of the servo
+    command -> resolution -> dead time -> dead band -> backlash -> flow -> set point of the servo
 
 The servos in `mjcf/` add rate limits, lags and stops behind it. Every effect is off by default.
 The state is a flat array. A step runs once a physics step,
 because a dead time may end between two control ticks and the dead band depends on the present
 angle.
 
-The steering angle of the sensors and of `Truth` is that of the wheel, behind the play: it differs
-from the angle of the cylinder by up to half the play. Friction holds the wheel while the cylinder
-crosses the play; the crossing itself takes no time.
+The steering angle of the sensors and of `Truth` is that of the wheel, behind the backlash: it
+differs from the angle of the cylinder by up to half the backlash. Friction holds the wheel while
+the cylinder crosses the backlash; the crossing itself takes no time.
 """
 
 import math
@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from ttempc.jit import cached_njit
+from ttempc.jit import cached_njit, record
 from ttempc.types import Command, FloatArray
 from ttempc.vehicle import MAX_DEAD_TIME_S
 
@@ -43,14 +43,14 @@ class SteeringValve:
     dead_band_deg: NotNegative = 0.0
     """Half width of the overlap: smaller errors of the angle do not open the valve."""
     backlash_deg: NotNegative = 0.0
-    """Whole play between cylinder and wheel."""
+    """Whole angle between cylinder and wheel."""
     resolution_deg: NotNegative = 0.0
     """Resolution of the command as it is sent."""
     flow_left: Flow = 1.0
     """Speed of the angle to the left at an opening of the valve, over that of the vehicle file. The
     areas of a single-rod cylinder differ by 1.3 to 1.6; cold oil lowers both flows."""
     flow_right: Flow = 1.0
-    """The same to the right."""
+    """Speed of the angle to the right at an opening of the valve, over that of the vehicle file."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -73,14 +73,36 @@ class ActuatorSpecification:
     """Drive."""
 
 
-_STEP, _CYLINDER, _SET_POINT, _WHEEL, _UNDER_WAY = 0, 1, 4, 7, 10
-"""Places in the state: steps since the start; of each axis the angle to which the valve moves the
-cylinder, the set point, the angle to which the cylinder moves the wheel; then the commands under
-way, in rings."""
+_AXES: Final = 3  # front steering, trailer steering, hydrostat
+
+VALVE: Final = np.dtype(
+    [
+        ("delay", np.float64),  # dead time in physics steps
+        ("dead_band", np.float64),  # [rad] half width
+        ("backlash", np.float64),  # [rad] whole angle between cylinder and wheel
+        ("resolution", np.float64),  # [rad] of the command; 0: exact
+        ("full_opening", np.float64),  # [rad] error of the angle at which the valve is fully open
+        ("flow_left", np.float64),  # over the flow of the vehicle file
+        ("flow_right", np.float64),
+    ]
+)
+"""Constants of one axis."""
+
+VALVE_STATE: Final = np.dtype(
+    [
+        ("step", np.float64),  # physics steps since the start
+        ("cylinder", np.float64, (_AXES,)),  # angle to which the valve moves the cylinder
+        ("set_point", np.float64, (_AXES,)),  # of the servo
+        ("wheel", np.float64, (_AXES,)),  # angle to which the cylinder moves the wheel
+    ]
+)
+"""State of all axes; the commands under way follow it, in a ring an axis."""
+
+_STATE_SIZE: Final = VALVE_STATE.itemsize // 8
 
 
 class CommandPath(Protocol):
-    """Way from a command to the set points, with or without faults; its state is its own."""
+    """Path from a command to the set points, with or without faults; its state is its own."""
 
     def start(self, hp: float) -> Any:  # noqa: ANN401 - a state of its own
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
@@ -119,14 +141,18 @@ class Actuators:
             [
                 _steering_axis("front", specification.front, timestep, steering[0]),
                 _steering_axis("trailer", specification.trailer, timestep, steering[1]),
-                (_delay("hydrostat", specification.hydrostat, timestep), *3 * [0.0], *3 * [1.0]),
+                _hydrostat_axis(specification.hydrostat, timestep),
             ]
-        )  # (3, 7) of `move_valves`
+        )  # rows `VALVE`
 
     def start(self, hp: float) -> FloatArray:
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
-        front, trailer, hydrostat = self.axes[:, 0].astype(int)
-        return np.array([0.0, *(0.0, 0.0, hp) * 3, *(front + trailer) * [0.0], *hydrostat * [hp]])
+        straight = (0.0, 0.0, hp)
+        state = np.zeros((), VALVE_STATE)
+        for name in ("cylinder", "set_point", "wheel"):
+            state[name] = straight
+        delays = self.axes[:, 0].astype(int)
+        return np.concatenate([state.reshape(1).view(np.float64), np.repeat(straight, delays)])
 
     def step(
         self, state: FloatArray, command: Command, delta_t: float, delta_i: float
@@ -138,7 +164,7 @@ class Actuators:
 
     def set_points(self, state: FloatArray) -> tuple[float, float, float]:
         """Return the servos' front and trailer angle [rad] and the hydrostat's position."""
-        front, trailer, hydrostat = state[_SET_POINT:_WHEEL].tolist()
+        front, trailer, hydrostat = state[:_STATE_SIZE].view(VALVE_STATE)["set_point"][0].tolist()
         return front, trailer, hydrostat
 
 
@@ -149,35 +175,60 @@ def move_valves(
     """Advance the command path by one physics step, in place.
 
     Args:
-        axes: (3, 7) of front, trailer and hydrostat: dead time in steps, half width of the dead
-            band, whole play, resolution, error of the angle at which the valve is fully open [rad],
-            flows to the left and to the right.
-        state: (10 + steps of all dead times,) as from `Actuators.start`; entries 4 to 6 are the set
-            points.
+        axes: (3, 7) rows `VALVE` of front, trailer and hydrostat.
+        state: (n,) `VALVE_STATE`, then the rings, as from `Actuators.start`.
         command: (3,) that is sent at this step.
         delta_t, delta_i: present steering angles [rad].
     """
-    now, ring = int(state[_STEP]), _UNDER_WAY
-    state[_STEP] = now + 1
-    for axis in range(3):
-        delay, dead_band, play = int(axes[axis, 0]), axes[axis, 1], axes[axis, 2]
-        resolution, arrived = axes[axis, 3], command[axis]
-        if resolution > 0.0:
-            arrived = resolution * np.rint(arrived / resolution)
+    valves = record(state, VALVE_STATE)
+    now = int(valves.step)
+    valves.step = now + 1.0
+    ring = _STATE_SIZE
+
+    for axis in range(_AXES):
+        valve = record(axes[axis], VALVE)
+        arrived = command[axis]
+        if valve.resolution > 0.0:
+            arrived = valve.resolution * np.rint(arrived / valve.resolution)
+
+        # dead time: the ring returns the command of `delay` steps ago
+        delay = int(valve.delay)
         if delay:
             place = ring + now % delay
-            state[place], arrived = arrived, state[place]
+            sent = arrived
+            arrived = state[place]
+            state[place] = sent
             ring += delay
-        cylinder, wheel = state[_CYLINDER + axis], state[_WHEEL + axis]
-        angle = delta_t if axis == 0 else (delta_i if axis == 1 else wheel)
-        cylinder = past_dead_band(cylinder, arrived, angle + (cylinder - wheel), dead_band)
-        state[_CYLINDER + axis] = cylinder
-        state[_WHEEL + axis] = state[_SET_POINT + axis] = wheel = past_play(wheel, cylinder, play)
-        if axes[axis, 5] < 1.0 or axes[axis, 6] < 1.0:
-            # the servo turns at (set point - angle) / lag
-            opening = min(max(wheel - angle, -axes[axis, 4]), axes[axis, 4])
-            flow = axes[axis, 5] if opening > 0.0 else axes[axis, 6]
-            state[_SET_POINT + axis] = angle + flow * opening
+
+        # dead band and backlash; the hydrostat has neither
+        cylinder = valves.cylinder[axis]
+        wheel = valves.wheel[axis]
+        angle = wheel
+        if axis == 0:
+            angle = delta_t
+        elif axis == 1:
+            angle = delta_i
+        cylinder_angle = angle + (cylinder - wheel)
+        cylinder = past_dead_band(cylinder, arrived, cylinder_angle, valve.dead_band)
+        wheel = past_backlash(wheel, cylinder, valve.backlash)
+        valves.cylinder[axis] = cylinder
+        valves.wheel[axis] = wheel
+
+        # flow: the servo turns at (set point - angle) / lag
+        set_point = wheel
+        if valve.flow_left < 1.0 or valve.flow_right < 1.0:
+            opening = min(max(wheel - angle, -valve.full_opening), valve.full_opening)
+            flow = valve.flow_left if opening > 0.0 else valve.flow_right
+            set_point = angle + flow * opening
+        valves.set_point[axis] = set_point
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def put_set_points(state: FloatArray, ctrl: FloatArray) -> None:
+    """Write the set points into MuJoCo's controls, (3,)."""
+    valves = record(state, VALVE_STATE)
+    for axis in range(_AXES):
+        ctrl[axis] = valves.set_point[axis]
 
 
 @cached_njit(inline="always")
@@ -204,15 +255,15 @@ def past_dead_band(sent: float, command: float, cylinder: float, dead_band: floa
 
 
 @cached_njit(inline="always")
-def past_play(wheel: float, cylinder: float, play: float) -> float:
-    """Return the angle of the wheel, at most half the play from that of the cylinder [rad]."""
-    return min(max(wheel, cylinder - 0.5 * play), cylinder + 0.5 * play)
+def past_backlash(wheel: float, cylinder: float, backlash: float) -> float:
+    """Return the angle of the wheel, at most half the backlash from that of the cylinder [rad]."""
+    return min(max(wheel, cylinder - 0.5 * backlash), cylinder + 0.5 * backlash)
 
 
 def _steering_axis(
     name: str, valve: SteeringValve, timestep: float, steering: Steering
 ) -> tuple[float, ...]:
-    """Return the row of a steering axis in `Actuators.axes`."""
+    """Return the row `VALVE` of a steering axis."""
     angles_deg = {
         "dead_band": valve.dead_band_deg,
         "backlash": valve.backlash_deg,
@@ -224,9 +275,18 @@ def _steering_axis(
                 f"actuators.{name}.{key}_deg: got {value:g}, "
                 f"must be below the stop at {steering.limit_deg:g}"
             )
-    angles = (*angles_deg.values(), steering.rate_degps * steering.lag_s)
-    flows = valve.flow_left, valve.flow_right
-    return (_delay(name, valve, timestep), *map(math.radians, angles), *flows)
+    full_opening_deg = steering.rate_degps * steering.lag_s
+    angles = map(math.radians, (*angles_deg.values(), full_opening_deg))
+    return (_delay(name, valve, timestep), *angles, valve.flow_left, valve.flow_right)
+
+
+def _hydrostat_axis(valve: HydrostatValve, timestep: float) -> tuple[float, ...]:
+    """Return the row `VALVE` of the hydrostat, which has a dead time only."""
+    constants = np.zeros(1, VALVE)
+    constants["delay"] = _delay("hydrostat", valve, timestep)
+    constants["flow_left"] = 1.0
+    constants["flow_right"] = 1.0
+    return constants[0].item()
 
 
 def _delay(name: str, valve: SteeringValve | HydrostatValve, timestep: float) -> int:

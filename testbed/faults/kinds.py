@@ -17,7 +17,7 @@ from pydantic import Field
 
 from ttempc.types import Command, FloatArray, Sensor
 
-from ..actuation.actuators import past_play
+from ..actuation.actuators import past_backlash
 from ..configuration.config_io import (
     BearingDeg,
     Fraction,
@@ -35,6 +35,7 @@ from ..sensing.sensor_specification import SensorSpecification
 from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..vehicle.vehicle import Steering
+from ..wheels.tyre import TYRE
 from ..wheels.wheel_models import SoilWheels
 from .fault import SAME_TIME_S, Fault, FaultContext, Key, Row, Window, fault_type
 
@@ -266,7 +267,6 @@ def _too_much_play(fault: Made, context: FaultContext) -> str:
 Effect = Callable[[float], None]
 """Sets a fault for the next control period, from the share of the period in which it acts."""
 
-_RADIUS, _STIFFNESS = 0, 4  # columns of `Tyres.table`
 _LARGEST_SHIFT: Final = 0.5  # of a load over the size of the box: its centre stays in the box
 
 
@@ -314,8 +314,9 @@ def _flat(fault: Made, plant: Plant) -> Effect:
     assert isinstance(wheels, SoilWheels)
     tyre = wheels.tyre_table[WHEELS.index(fault.wheel)]
     flat = tyre.copy()
-    flat[_RADIUS] -= fault.radius_loss_m
-    flat[_STIFFNESS] *= fault.stiffness_factor
+    constants = flat.view(TYRE)
+    constants["radius"] -= fault.radius_loss_m
+    constants["stiffness"] *= fault.stiffness_factor
     return _switched(tyre, flat)
 
 
@@ -451,7 +452,7 @@ _TABLE: Final = (
     Row("front_steering_play trailer_steering_play", "valve",
         "A steering linkage is worn: the wheel follows its cylinder with play.",
         (Key("play_deg", Positive, "Whole play."),),
-        lambda f, memory, target, timestep, stop: past_play(
+        lambda f, memory, target, timestep, stop: past_backlash(
             memory, target, math.radians(f.play_deg)),
         _too_much_play),
     Row("hydrostat_cut", "valve",

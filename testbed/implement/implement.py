@@ -41,9 +41,9 @@ class DraftEquation:
     a: float  # [N/cm] per tool, or per metre of width
     b: float  # [N/cm] per km/h
     c: float  # [N/cm] per (km/h)^2
-    fine: float  # factor F_1
-    medium: float  # F_2
-    coarse: float  # F_3
+    fine: float  # factor F_1 of the standard, on clay
+    medium: float  # factor F_2 of the standard, on loam
+    coarse: float  # factor F_3 of the standard, on sand
     spacing_m: float | None  # usual distance between tools, assumed; None: the width counts
 
     def coefficients(self, texture: Texture) -> tuple[float, float, float]:

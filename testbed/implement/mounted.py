@@ -3,16 +3,17 @@
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Final
 
 import mujoco
 import numpy as np
 import scipy
 
+from ..bodies import Bodies
 from ..errors import InvalidPlant
 from ..ground.ground import Ground
+from ..ground.surface import Surface
 from ..ground.terrain import flat
 from ..truth import WHEELS
 from ..vehicle.servos import equilibrium_slip, tyres_of, wheel_loads
@@ -20,19 +21,18 @@ from ..vehicle.vehicle import PlantVehicle
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import WheelMotion, contact
 from .implement import POINTS, Implement
-from .tool_kernel import ToolLaw, tool_arguments, tool_step
+from .tool_kernel import LIFT, POINT, ToolLaw, Tools, tool_step
 
 _MOST_SLIP: Final = 0.3  # of the driven wheels, above which a tractor is not used; assumed
-_LIFT: Final = 2  # numbers of the lift in the state
+_LIFT_SIZE: Final = len(LIFT.names or ())
+_POINT_SIZE: Final = len(POINT.names or ())
 
 
 class MountedImplement:
     """Writes the forces of the soil on the trailer into its row of `xfrc_applied`.
 
     `state` is everything that the future depends on besides MuJoCo's state, and the last report:
-    `lift`, the lowered share and the distance driven [m], then `output`, depth [m], draft and side
-    force [N] of each point.
-    `arguments` are those of `tool_step`.
+    `lift`, a row `LIFT`, then `output`, a row `POINT` of each point.
 
     Args:
         implement: settings.
@@ -56,13 +56,24 @@ class MountedImplement:
         self.law: Final = ToolLaw.of(
             implement, frame_height(vehicle, implement.behind_m), background
         )
-        self.state: Final = np.zeros(_LIFT + 3 * POINTS)
-        self.lift: Final = self.state[:_LIFT]
-        self.output: Final = self.state[_LIFT:].reshape(POINTS, 3)
-        work = np.array(implement.work_m).reshape(-1, 2)
-        tables = (self.law.table(), implement.offsets, work, self.lift, self.output)
-        self.arguments: Final = tool_arguments(model, data, ground, *tables)
-        self.step: Final[Callable[[], object]] = partial(tool_step, *self.arguments)
+        self.state: Final = np.zeros(_LIFT_SIZE + _POINT_SIZE * POINTS)
+        self.lift: Final = self.state[:_LIFT_SIZE]
+        self.output: Final = self.state[_LIFT_SIZE:].reshape(POINTS, _POINT_SIZE)
+        self.kernel: Final = Tools(
+            law=self.law.row(),
+            offsets=implement.offsets,
+            work=np.array(implement.work_m).reshape(-1, 2),
+            surface=Surface.of(ground),
+            bodies=Bodies.of(data),
+            trailer=int(model.body("trailer").id),
+            lift=self.lift,
+            output=self.output,
+            timestep=float(model.opt.timestep),
+        )
+
+    def step(self) -> None:
+        """Apply the forces of the soil for one physics step."""
+        tool_step(self.kernel)
 
 
 def frame_height(vehicle: PlantVehicle, behind: float) -> float:
@@ -71,22 +82,25 @@ def frame_height(vehicle: PlantVehicle, behind: float) -> float:
     Heights of the axles from the static loads on the tyres; drawbar and trailer are one beam from
     the pin to the trailer axle.
     """
-    tyres, level, count = tyres_of(vehicle), flat((4.0, 4.0)), len(WHEELS)
-    zeros, left = np.zeros((count, 3)), np.tile([0.0, 1.0, 0.0], (count, 1))
+    tyres = tyres_of(vehicle)
+    level = flat((4.0, 4.0))
+    count = len(WHEELS)
+    zeros = np.zeros((count, 3))
+    left = np.tile([0.0, 1.0, 0.0], (count, 1))
     loads = wheel_loads(vehicle)
 
-    def surplus(sunk: float, wheel: int) -> float:
+    def surplus(deflection: float, wheel: int) -> float:
         centre = np.zeros((count, 3))
-        centre[:, 2] = tyres.radius - sunk
+        centre[:, 2] = tyres.radius - deflection
         load = contact(tyres, level, WheelMotion(centre, left, zeros, zeros)).load
         return float((load - loads)[wheel])
 
-    def sinkage(wheel: str) -> float:
+    def deflection(wheel: str) -> float:
         index = WHEELS.index(wheel)
         root = scipy.optimize.brentq(surplus, 0.0, 0.5 * float(tyres.radius[index]), args=(index,))
         return float(root)  # pyright: ignore[reportArgumentType]
 
-    front, rear, trailer = map(sinkage, ("front_left", "rear_left", "trailer_left"))
+    front, rear, trailer = map(deflection, ("front_left", "rear_left", "trailer_left"))
     pin = rear + (rear - front) * vehicle.hitch.offset_m / vehicle.tractor.wheelbase_m
     nose_down = (pin - trailer) / (vehicle.drawbar.length_m + vehicle.trailer.length_m)
     return vehicle.trailer_wheel.radius_m - trailer + nose_down * behind
@@ -103,10 +117,12 @@ def draw_implement(spec: mujoco.MjSpec, implement: Implement, height: float) -> 
 
     def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> None:
         geom = spec.body("trailer").add_geom(spec.find_default("shape"), material="steel")
-        geom.type, geom.fromto = mujoco.mjtGeom.mjGEOM_CAPSULE, [*start, *end]
+        geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE
+        geom.fromto = [*start, *end]
         geom.size = [radius, 0.0, 0.0]
 
-    x, half = -implement.behind_m, 0.5 * implement.width_m
+    x = -implement.behind_m
+    half = 0.5 * implement.width_m
     capsule((x, -half, 0.0), (x, half, 0.0), 0.04)
     capsule((x, 0.0, 0.0), (0.0, 0.0, 0.0), 0.04)
     for y in implement.offsets.tolist():

@@ -13,23 +13,20 @@ velocity and vanish with it: an implement never gives energy to the vehicle. The
 force.
 """
 
-# mujoco fills its name space from compiled modules without type information
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
-from typing import Any, Final
+from dataclasses import astuple, dataclass, fields
+from typing import Any, Final, NamedTuple
 
-import mujoco
 import numpy as np
 
-from ttempc.jit import cached_njit
+from ttempc.jit import cached_njit, record
 from ttempc.types import FloatArray
 
-from ..ground.ground import Ground
-from ..wheels.tyre_kernel import grid_cell
+from ..bodies import AHEAD, LEFT, UP, Bodies, apply_wrench, axis_of, row_vector, velocity_of
+from ..ground.surface import Surface, ground_below
+from ..vectors import ZERO, Vector, add, cross, dot, scale, subtract
 from .implement import POINTS, Implement, draft_equation
 
 DRAFT_SPEED: Final = 0.1  # [m/s] below which the draft fades; assumed
@@ -81,128 +78,130 @@ class ToolLaw:
             background=background,
         )
 
-    def table(self) -> FloatArray:
-        """Return the constants in the order of the fields, for the compiled law, (12,)."""
+    def row(self) -> FloatArray:
+        """Return the constants for the compiled law, a row `TOOL_LAW`."""
         return np.array(astuple(self))
 
 
+TOOL_LAW: Final = np.dtype([(each.name, np.float64) for each in fields(ToolLaw)])
+"""Constants of one implement, fields of `ToolLaw`."""
+
+LIFT: Final = np.dtype([("lowered", np.float64), ("distance", np.float64)])
+"""Lowered share, distance driven by the trailer point [m]."""
+
+POINT: Final = np.dtype([("depth", np.float64), ("draft", np.float64), ("side", np.float64)])
+"""Report of a point: depth [m], draft [N] backward, side force [N] to the left."""
+
+
+class Tools(NamedTuple):
+    """The n points of an implement in the soil."""
+
+    law: FloatArray  # row `TOOL_LAW`
+    offsets: FloatArray  # (n,) [m] of the points to the left
+    work: FloatArray  # (k, 2) [m] intervals of the distance driven; without any, tools always work
+    surface: Surface
+    bodies: Bodies
+    trailer: int  # number of the body
+    lift: FloatArray  # row `LIFT`, changed in place
+    output: FloatArray  # (n, 3) rows `POINT`, written
+    timestep: float  # [s]
+
+
 @cached_njit(error_model="numpy", boundscheck=False)
-def tool_step(
-    law: FloatArray,
-    offsets: FloatArray,
-    work: FloatArray,
-    heights: FloatArray,
-    cone_indices: FloatArray,
-    grid: FloatArray,
-    body: int,
-    xpos: FloatArray,
-    xmat: FloatArray,
-    xipos: FloatArray,
-    cvel: FloatArray,
-    com: FloatArray,
-    lift: FloatArray,
-    output: FloatArray,
-    xfrc: FloatArray,
-) -> None:
-    """Advance distance and lift by a physics step and write the forces of the soil.
+def tool_step(tools: Tools) -> None:
+    """Advance distance and lift by a time step and write the forces of the soil on the trailer."""
+    law = record(tools.law, TOOL_LAW)
+    bodies = tools.bodies
+    trailer = tools.trailer
+
+    # position and motion of the trailer, in the map frame
+    axle = row_vector(bodies.positions, trailer)
+    axes = (
+        axis_of(bodies.axes, trailer, AHEAD),
+        axis_of(bodies.axes, trailer, LEFT),
+        axis_of(bodies.axes, trailer, UP),
+    )
+    ahead, left, up = axes
+    rotation = row_vector(bodies.velocities, trailer)
+    velocity = velocity_of(bodies, trailer)
+    mass_centre = row_vector(bodies.mass_centres, trailer)
+
+    lowered = _move_lift(tools, law, abs(dot(velocity, ahead)))
+    drop = law.frame + lowered * law.depth - (1.0 - lowered) * law.clearance
+
+    force = ZERO
+    moment = ZERO
+    for point in range(tools.offsets.size):
+        arm = scale(-law.behind, ahead)
+        arm = subtract(add(arm, scale(tools.offsets[point], left)), scale(drop, up))
+        place = add(axle, arm)
+        height, cone_index = ground_below(tools.surface, place[0], place[1])
+        depth = max(0.0, height - place[2]) * up[2]
+        point_velocity = add(velocity, cross(rotation, arm))
+
+        report = record(tools.output[point], POINT)
+        report.depth = depth
+        report.draft, report.side = _soil_forces(law, depth, cone_index, point_velocity, axes)
+
+        on_point = subtract(scale(report.side, left), scale(report.draft, ahead))
+        force = add(force, on_point)
+        moment = add(moment, cross(subtract(place, mass_centre), on_point))
+    apply_wrench(bodies, trailer, force, moment)
+
+
+@cached_njit(error_model="numpy", boundscheck=False, inline="always")
+def _move_lift(tools: Tools, law: Any, speed: float) -> float:  # noqa: ANN401 - a record `TOOL_LAW`
+    """Advance distance and lift by a time step and return the lowered share.
 
     Args:
-        law: (12,) `ToolLaw.table`.
-        offsets: (n,) [m] of the points to the left.
-        work: (k, 2) [m] intervals of the distance driven.
-        heights: (ny, nx) [m] of the ground.
-        cone_indices: (ny, nx) [kPa] on the same grid.
-        grid: (4,) x and y [m] of the first grid point, spacing [m], time step [s].
-        body: the trailer.
-        xpos: (nbody, 3) [m] MuJoCo's body positions.
-        xmat: (nbody, 9) body axes, row major.
-        xipos: (nbody, 3) [m] centres of mass, to which `xfrc` refers.
-        cvel: (nbody, 6) rotation and velocity at `com`.
-        com: (nbody, 3) [m] subtree centres of mass; row 1 is the vehicle's.
-        lift: (2,) state, changed in place: lowered share, distance driven [m].
-        output: (n, 3) depth [m], draft [N], side force [N], written.
-        xfrc: (nbody, 6) force and moment on each body, row of the trailer written.
+        tools: the lift is changed in place.
+        law: record `TOOL_LAW`.
+        speed: along the trailer, without its sign [m/s].
     """
-    behind, frame, depth, clearance, lift_rate = law[0], law[1], law[2], law[3], law[4]
-    draft0, draft1, draft2, stiffness, limit = law[5], law[6], law[7], law[8], law[9]
-    exponent, background = law[10], law[11]
-    ny, nx = heights.shape
-    x0, y0, per_metre, dt = grid[0], grid[1], 1.0 / grid[2], grid[3]
-    ax, ay, az = xpos[body, 0], xpos[body, 1], xpos[body, 2]
-    fx, lx, ux = xmat[body, 0], xmat[body, 1], xmat[body, 2]
-    fy, ly, uy = xmat[body, 3], xmat[body, 4], xmat[body, 5]
-    fz, lz, uz = xmat[body, 6], xmat[body, 7], xmat[body, 8]
-    wx, wy, wz = cvel[body, 0], cvel[body, 1], cvel[body, 2]
-    rx, ry, rz = ax - com[1, 0], ay - com[1, 1], az - com[1, 2]
-    vx = cvel[body, 3] + wy * rz - wz * ry
-    vy = cvel[body, 4] + wz * rx - wx * rz
-    vz = cvel[body, 5] + wx * ry - wy * rx
+    lift = record(tools.lift, LIFT)
+    distance = lift.distance + tools.timestep * speed
+    works = tools.work.shape[0] == 0
+    for interval in range(tools.work.shape[0]):
+        begin = tools.work[interval, 0]
+        end = tools.work[interval, 1]
+        works = works or begin <= distance < end
 
-    distance = lift[1] + dt * abs(vx * fx + vy * fy + vz * fz)
-    works = work.shape[0] == 0
-    for k in range(work.shape[0]):
-        works = works or work[k, 0] <= distance < work[k, 1]
-    step = lift_rate * dt
-    lowered = min(1.0, lift[0] + step) if works else max(0.0, lift[0] - step)
-    lift[0], lift[1] = lowered, distance
+    step = law.lift_rate * tools.timestep
+    lowered = min(1.0, lift.lowered + step) if works else max(0.0, lift.lowered - step)
+    lift.lowered = lowered
+    lift.distance = distance
+    return lowered
 
-    drop = frame + lowered * depth - (1.0 - lowered) * clearance
-    tx, ty, tz, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for point in range(offsets.size):
-        offset = offsets[point]
-        rx = -behind * fx + offset * lx - drop * ux
-        ry = -behind * fy + offset * ly - drop * uy
-        rz = -behind * fz + offset * lz - drop * uz
-        px, py, pz = ax + rx, ay + ry, az + rz
-        i, p = grid_cell((px - x0) * per_metre, nx - 1)
-        j, q = grid_cell((py - y0) * per_metre, ny - 1)
-        south = heights[j, i] + p * (heights[j, i + 1] - heights[j, i])
-        north = heights[j + 1, i] + p * (heights[j + 1, i + 1] - heights[j + 1, i])
-        deep = max(0.0, south + q * (north - south) - pz) * uz
-        output[point, 0] = deep
-        if deep <= 0.0:
-            output[point, 1] = output[point, 2] = 0.0
-            continue
-        if exponent > 0.0:
-            strength = (cone_indices[j + (q >= 0.5), i + (p >= 0.5)] / background) ** exponent
-        else:
-            strength = 1.0
-        sx, sy, sz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
-        along = sx * fx + sy * fy + sz * fz
-        across = sx * lx + sy * ly + sz * lz
+
+@cached_njit(error_model="numpy", boundscheck=False, inline="always")
+def _soil_forces(
+    law: Any,  # noqa: ANN401 - a record `TOOL_LAW`
+    depth: float,
+    cone_index: float,
+    velocity: Vector,
+    axes: tuple[Vector, Vector, Vector],
+) -> tuple[float, float]:
+    """Return draft and side force on a point [N].
+
+    Args:
+        law: record `TOOL_LAW`.
+        depth: of the point [m].
+        cone_index: of the soil [kPa].
+        velocity: of the point [m/s].
+        axes: of the trailer.
+    """
+    draft = 0.0
+    side = 0.0
+    if depth > 0.0:
+        ahead, left, _ = axes
+        along = dot(velocity, ahead)
+        across = dot(velocity, left)
         speed = abs(along)
-        bulk = deep * strength
-        draft = bulk * (draft0 + (draft1 + draft2 * speed) * speed)
+        strength = (cone_index / law.background) ** law.exponent if law.exponent > 0.0 else 1.0
+        bulk = depth * strength
+
+        draft = bulk * (law.draft + (law.draft_speed + law.draft_square * speed) * speed)
         draft *= math.tanh(along / DRAFT_SPEED)
         angle = math.atan(across / max(speed, SIDE_SPEED))
-        side = -bulk * limit * math.tanh(stiffness / limit * angle)
-        output[point, 1], output[point, 2] = draft, side
-        gx, gy, gz = side * lx - draft * fx, side * ly - draft * fy, side * lz - draft * fz
-        tx, ty, tz = tx + gx, ty + gy, tz + gz
-        rx, ry, rz = px - xipos[body, 0], py - xipos[body, 1], pz - xipos[body, 2]
-        mx += ry * gz - rz * gy
-        my += rz * gx - rx * gz
-        mz += rx * gy - ry * gx
-    xfrc[body, 0], xfrc[body, 1], xfrc[body, 2] = tx, ty, tz
-    xfrc[body, 3], xfrc[body, 4], xfrc[body, 5] = mx, my, mz
-
-
-def tool_arguments(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    ground: Ground,
-    law: FloatArray,
-    offsets: FloatArray,
-    work: FloatArray,
-    lift: FloatArray,
-    output: FloatArray,
-) -> tuple[Any, ...]:
-    """Return the arguments of `tool_step`: its arrays, and views of MuJoCo's."""
-    terrain = ground.terrain
-    return (
-        *(law, offsets, work, terrain.heights, ground.cone_index),
-        np.array([*terrain.origin, terrain.spacing_m, model.opt.timestep]),
-        int(model.body("trailer").id),
-        *(data.xpos, data.xmat, data.xipos, data.cvel, data.subtree_com),
-        *(lift, output, data.xfrc_applied),
-    )
+        side = -bulk * law.side_limit * math.tanh(law.side / law.side_limit * angle)
+    return draft, side

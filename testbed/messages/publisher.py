@@ -25,7 +25,7 @@ from ..geodesy import degrees
 from ..recording import channels as topics
 from ..recording.channels import CHANNELS, ERROR, MEASUREMENT, REFERENCE, STATE, Channel
 from ..recording.record import Event, Sink, wrong_shape
-from ..truth import Moments
+from ..truth import TruthBlock
 from .encoding import (
     Encoded,
     TimesNs,
@@ -168,7 +168,7 @@ class Publisher(Sink, ABC):
         self._batch.events.append((event.time_s, encode_event(event)))
         self._collected(event.time_s)
 
-    def scenes(self, moments: Moments) -> None:
+    def scenes(self, moments: TruthBlock) -> None:
         """Publish the transforms of every body."""
         times = moments.rows[:, 0]
         self._add(topics.TRANSFORMS_TOPIC, times, moments.poses.reshape(len(times), -1))

@@ -205,7 +205,7 @@ def tool_rows(tools: FloatArray, references: FloatArray) -> FloatArray:
     point.
 
     Args:
-        tools: as in `Moments`.
+        tools: as in `TruthBlock`.
         references: rows of `REFERENCE` at the same moments.
     """
     x, y, _, behind, lowered, distance = tools[:, :6].T

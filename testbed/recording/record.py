@@ -15,7 +15,7 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ..errors import LogError
-from ..truth import Moments
+from ..truth import TruthBlock
 from .channels import CHANNELS, ERROR, REFERENCE, STATE, Channel, error_rows
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ class Sink:
     def event(self, event: Event) -> None:
         """Receive one event."""
 
-    def scenes(self, moments: Moments) -> None:
+    def scenes(self, moments: TruthBlock) -> None:
         """Receive the poses of every body and of both axle points at some moments.
 
         They come before the rows of the same moments.
@@ -210,7 +210,7 @@ class Tee(Sink):
         for sink in self._sinks:
             sink.event(event)
 
-    def scenes(self, moments: Moments) -> None:
+    def scenes(self, moments: TruthBlock) -> None:
         """Pass on scenes."""
         for sink in self._sinks:
             sink.scenes(moments)

@@ -69,7 +69,7 @@ _SENSOR: Final = np.dtype(
         ("every", "i8"),  # physics steps from sample to sample
         ("delay", "i8"),  # physics steps from sample to delivery
         ("length", "i8"),  # components
-        ("columns", "i8", 3),  # of the components in a row of `Moments`
+        ("columns", "i8", 3),  # of the components in a row of `TruthBlock`
         ("resolution", "f8", 3),  # of each component
         ("corrects", "i8"),  # body whose attitude corrects the sample; -1: none
         ("antenna", "i8"),  # whose error comes from `receivers.advance`; -1: none
@@ -137,7 +137,7 @@ class SensorSuite:
         A sample bears the time at which it was taken, whatever its latency.
 
         Args:
-            truths: rows of `Moments` (n, TRUTH_SIZE), in the order of time; no moment is left out.
+            truths: rows of `TruthBlock` (n, TRUTH_SIZE), in the order of time, none left out.
             first: physics step of the first one.
             stride: physics steps from one to the next.
 
@@ -217,7 +217,7 @@ class SensorSuite:
             math.radians(of.angle_resolution_deg),
         )
         speed = (of.encoder_sd_mps, of.encoder_latency_s, of.encoder_resolution_mps)
-        encoder = {"wheel": "rim_speed", "ground": "speed"}[of.encoder_on]
+        encoder = {"wheel": "wheel_speed", "ground": "speed"}[of.encoder_on]
         plain = [*((*pair, angle) for pair in _ANGLES.items()), (Sensor.ENCODER, encoder, speed)]
         for sensor, name, (sd, latency_s, resolution) in plain:
             entry = self._entry(sensor, _columns(name), latency_s, (resolution,))
@@ -317,7 +317,7 @@ def _take(
 
 
 def _columns(*names: str) -> tuple[int, ...]:
-    """Return the columns of the state in a row of `Moments`."""
+    """Return the columns of the state in a row of `TruthBlock`."""
     return tuple(map(MOTION.index, names))
 
 

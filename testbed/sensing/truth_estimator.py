@@ -59,7 +59,7 @@ class TruthEstimator:
         state[State.X], state[State.Y] = truth.tractor.x, truth.tractor.y
         state[State.PSI_T], state[State.PSI_I] = truth.tractor.yaw, truth.trailer.yaw
         state[State.DELTA_T], state[State.DELTA_I] = truth.delta_t, truth.delta_i
-        state[State.V] = truth.rim_speed * (1.0 - self._disturbance[Disturbance.WHEEL])
+        state[State.V] = truth.wheel_speed * (1.0 - self._disturbance[Disturbance.WHEEL])
         return Estimate(
             time_s,
             state,
@@ -72,7 +72,7 @@ class TruthEstimator:
     def _learn(self, last: Truth, truth: Truth, command: Command) -> None:
         """Average the disturbances of the period between two ticks into those before."""
         along, across_t = _displacement(last.tractor, truth.tractor)
-        period, rim = truth.time_s - last.time_s, 0.5 * (last.rim_speed + truth.rim_speed)
+        period, rim = truth.time_s - last.time_s, 0.5 * (last.wheel_speed + truth.wheel_speed)
         if abs(along) < _LEAST_M or abs(rim) * period < _LEAST_M:
             return
         _, across_i = _displacement(last.trailer, truth.trailer)

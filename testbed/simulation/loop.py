@@ -16,7 +16,7 @@ from ..errors import PlantDiverged, StageFailed
 from ..recording import channels
 from ..recording.channels import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..recording.record import LEARNT, OVERRUN, REACTION, REACTION_ENDED, Event
-from ..truth import STATE_COLUMNS, TYRE_COLUMNS, Moments
+from ..truth import STATE_COLUMNS, TYRE_COLUMNS, TruthBlock
 from .setup import SimulationSetup, Stage, TickContext
 from .termination import check_termination
 
@@ -116,7 +116,7 @@ def advance(setup: SimulationSetup, tick: TickContext) -> None:
     tick.plant_ns = perf_counter_ns() - start
     moments = parts[0]
     if len(parts) > 1:
-        moments = Moments(*map(np.concatenate, zip(*parts, strict=True)))
+        moments = TruthBlock(*map(np.concatenate, zip(*parts, strict=True)))
     tick.drive_to(end, moments)
 
 
@@ -125,7 +125,7 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     moments, steps, sink = tick.moments, tick.steps, setup.sink
     if (every := setup.record_steps // tick.stride) > 1:
         due = slice(-steps[0] % setup.record_steps // tick.stride, None, every)
-        moments, steps = Moments(*(each[due] for each in moments)), steps[due]
+        moments, steps = TruthBlock(*(each[due] for each in moments)), steps[due]
     first = tick.reference_step(steps[0], setup.control_steps)
     stride = 0 if tick.waits else setup.record_steps
     times, references = moments.rows[:, 0], setup.reference_rows(first, stride, moments)

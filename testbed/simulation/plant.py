@@ -4,7 +4,6 @@
 # pyright: reportAttributeAccessIssue=false
 
 import math
-from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,12 +14,7 @@ import numpy as np
 
 from ttempc.types import Command, FloatArray
 
-from ..actuation.actuators import (
-    Actuators,
-    ActuatorSpecification,
-    CommandPath,
-    move_valves,
-)
+from ..actuation.actuators import VALVE, Actuators, ActuatorSpecification, CommandPath
 from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
 from ..ground.soil import SoilMap
@@ -28,21 +22,25 @@ from ..ground.terrain import Terrain
 from ..implement.implement import Implement
 from ..implement.mounted import MountedImplement, draw_implement, frame_height
 from ..messages.scenery import Scenery, shapes_of
-from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Moments, Truth
+from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Truth, TruthBlock, Wheels
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
 from ..vehicle.vehicle_model import build_spec, level_model, physics_model
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import Tyres
-from ..wheels.tyre_kernel import Output
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, SoilWheels, wheel_model
-from .compiled_steps import compiled_steps
-from .moment import moment_arguments, write_moment
+from .compiled_steps import CompiledSteps, compiled_steps
+from .fast_mujoco.self_check import CHECKED_STEPS, SELF_CHECK
+from .held_command import HeldCommand
+from .plain_steps import PlainSteps
+from .truth_rows import State, write_truth
 
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_NO_VALVES: Final = np.zeros((0, 7)), np.zeros(0)
+_NO_AXES: Final = np.zeros((0, len(VALVE.names or ())))
+_NO_STATE: Final = np.zeros(0)
+_CHECKED_COMMAND: Final = np.array([0.1, -0.1, 0.5])  # of the self-check: all servos move
 _SETTLE_CHUNK_S: Final = 0.1  # between comparisons of the wheel loads
 _SETTLE_CHUNKS: Final = 30  # largest number of comparisons
 _BALANCE: Final = 0.02  # largest difference of the ground's force to the weight, over the weight
@@ -89,7 +87,9 @@ class Plant:
         actuators: ActuatorSpecification | None = None,
         implement: Implement | None = None,
     ) -> None:
-        self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
+        self.vehicle = vehicle
+        self.terrain = terrain
+        self.soil = soil
         self.tyres = tyres_of(vehicle)
         self.wheel_law = wheel_law.of(self.tyres.radial)
         self._spec = build_spec(vehicle, terrain, wheels, wheel_law, timestep_s)
@@ -97,7 +97,8 @@ class Plant:
             draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))
         self.model = physics_model(self._spec, wheel_model(wheels).couples_steering)
         self.data = mujoco.MjData(self.model)
-        model, data = self.model, self.data
+        model = self.model
+        data = self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
         self.ground = Ground(terrain, soil.rasterised(terrain), soil.ruts)
         self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, self.wheel_law)
@@ -105,23 +106,26 @@ class Plant:
             implement, model, data, vehicle, self.ground, soil.background
         )
         rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
-        output = self.wheels.output
-        self._truth = moment_arguments(model, data, output, rear_radius, self.implement)
-        antennas = self._truth[0][3:5]
+        self._state = State.of(model, data, self.wheels.output, rear_radius, self.implement)
+        places = self._state.places
         # from tractor and trailer point to their antennas, (2, 3) [m] bodies' frames
-        self.lever_arms: FloatArray = model.site_pos[antennas]
-        compiled = (
-            compiled_steps(model, data, self.wheels, self.implement, self.ground, self._truth)
-            if type(self.wheels) is SoilWheels  # a subclass may step in a way of its own
-            else None
-        )
-        self._steps: Callable[..., object] = compiled or self._python_steps
+        self.lever_arms: FloatArray = model.site_pos[[places.antenna_t, places.antenna_i]]
+
+        self._plain = PlainSteps(model, data, self.wheels, self.implement, self._state)
+        self._steps: PlainSteps | CompiledSteps = self._plain
+        if type(self.wheels) is SoilWheels:  # a subclass may step in a way of its own
+            compiled = compiled_steps(
+                model, data, self.wheels, self.implement, self.ground, self._state
+            )
+            self._steps = compiled or self._plain
+
         # views of MuJoCo's arrays, bound once
-        self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
+        self._warnings = data.warning.number
+        self._qpos = data.qpos
+        self._qvel = data.qvel
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
-        steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
-        self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
+        self._steering_angles = (places.delta_t, places.delta_i)
         self.actuators: CommandPath = Actuators(
             actuators or ActuatorSpecification(),
             timestep_s,
@@ -158,17 +162,18 @@ class Plant:
                 f"{self.terrain.origin} over {self.terrain.size_m} m"
             )
         self._settle(x, y)
-        check_standing(self.model, self.data, self.tyres, self.wheels.output)
+        check_standing(self.model, self.data, self.tyres, self.wheels.report)
         self._roll(speed)
         self.data.time = 0.0
         mujoco.mj_step1(self.model, self.data)
+        self._check_steps()
         return self.truth()
 
     def advance(self, command: Command, steps: int) -> Truth:
         """Return the state after a number of physics steps, as `drive`."""
         return self.drive(command, 1, steps).truth(0)
 
-    def drive(self, command: Command, stops: int, stride: int) -> Moments:
+    def drive(self, command: Command, stops: int, stride: int) -> TruthBlock:
         """Hold a command and return the state after every `stride` physics steps, `stops` times.
 
         It is one compiled call, unless wheels or command path are of Python. The arrays are new.
@@ -176,19 +181,29 @@ class Plant:
         Raises:
             PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
         """
-        before, moments, path = self.data.time, self._moments(stops), self.actuators
+        before = self.data.time
+        truths = self._block(stops)
+        path = self.actuators
         if isinstance(path, Actuators):
-            valves = path.axes[:0] if path.passive else path.axes
-            self._steps(valves, self._valves, command.as_array(), before, stride, *moments)
+            axes = _NO_AXES if path.passive else path.axes
+            held = HeldCommand(axes, self._valves, command.as_array(), before, stride)
+            self._steps(held, truths)
         else:
-            for step in range(stops * stride):
-                angles = map(self._qpos.item, self._steering_angles)
-                self._valves = path.step(self._valves, command, *angles)
-                stop, set_points = step // stride, np.array(path.set_points(self._valves))
-                moment = [part[stop : stop + 1] for part in moments]
-                self._steps(*_NO_VALVES, set_points, self.data.time, 1, *moment)
+            self._drive_by_path(path, command, stride, truths)
         self._check(before, stops * stride)
-        return moments
+        return truths
+
+    def _drive_by_path(
+        self, path: CommandPath, command: Command, stride: int, truths: TruthBlock
+    ) -> None:
+        """Drive with a command path of Python, which is asked for its set points every step."""
+        for step in range(len(truths.rows) * stride):
+            angles = map(self._qpos.item, self._steering_angles)
+            self._valves = path.step(self._valves, command, *angles)
+            set_points = np.array(path.set_points(self._valves))
+            held = HeldCommand(_NO_AXES, _NO_STATE, set_points, self.data.time, 1)
+            stop = step // stride
+            self._steps(held, TruthBlock(*(part[stop : stop + 1] for part in truths)))
 
     @property
     def timestep_s(self) -> float:
@@ -223,8 +238,13 @@ class Plant:
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
         implement = self.implement.state.copy() if self.implement else np.empty(0)
-        wheels, valves = self.wheels, copy(self._valves)
-        return Snapshot(physics, wheels.state.copy(), wheels.output.copy(), implement, valves)
+        return Snapshot(
+            physics=physics,
+            wheel_state=self.wheels.state.copy(),
+            output=self.wheels.output.copy(),
+            implement=implement,
+            valves=copy(self._valves),
+        )
 
     def restore(self, snapshot: Snapshot) -> Truth:
         """Return to a state; the same commands then give the same truths, bit for bit."""
@@ -237,59 +257,40 @@ class Plant:
         mujoco.mj_step1(self.model, self.data)
         return self.truth()
 
-    def moment(self) -> Moments:
+    def present(self) -> TruthBlock:
         """Return the present state; wheel forces are those of the step that led to it."""
-        moments = self._moments(1)
-        self._put(moments, 0)
-        return moments
+        truths = self._block(1)
+        write_truth(self.data.time, self._state, truths, 0)
+        return truths
 
     def truth(self) -> Truth:
-        """Return the view of `moment`."""
-        return self.moment().truth(0)
+        """Return the view of `present`."""
+        return self.present().truth(0)
 
-    def _moments(self, count: int) -> Moments:
-        """Return arrays for a number of moments, to be written."""
+    def _block(self, count: int) -> TruthBlock:
+        """Return arrays for a number of states, to be written."""
         tool = TOOL_SIZE + self.implement.output.size if self.implement else 0
-        rows, poses = np.empty((count, TRUTH_SIZE)), np.empty((count, self.model.nbody, 7))
-        return Moments(rows, poses, np.empty((count, tool)))
+        return TruthBlock(
+            rows=np.empty((count, TRUTH_SIZE)),
+            poses=np.empty((count, self.model.nbody, 7)),
+            tools=np.empty((count, tool)),
+        )
 
-    def _put(self, moments: Sequence[FloatArray], number: int) -> None:
-        write_moment(self.data.time, *(part[number] for part in moments), *self._truth)
-
-    def _python_steps(
-        self,
-        valves: FloatArray,
-        valve_state: FloatArray,
-        command: FloatArray,
-        time: float,
-        stride: int,
-        *moment: FloatArray,
-        after_step: Callable[[], None] | None = None,
-    ) -> None:
-        """Do as `soil_steps`, with wheels of any model.
-
-        A step is forces of the ground, accelerations and integration (mj_step2), positions and
-        velocities (mj_step1): the same as mj_step with these forces in its middle.
-        """
-        model, data, last = self.model, self.data, stride - 1
-        data.ctrl[:] = command
-        for stop in range(len(moment[0])):
-            self.wheels.prepare()
-            for step in range(stride):
-                if valves.size:
-                    angles = map(self._qpos.item, self._steering_angles)
-                    move_valves(valves, valve_state, command, *angles)
-                    data.ctrl[:] = self.actuators.set_points(valve_state)
-                self.wheels.step()
-                if self.implement:
-                    self.implement.step()
-                mujoco.mj_step2(model, data)
-                if step == last:  # while contacts and their forces are of one step
-                    self.wheels.report()
-                if after_step:
-                    after_step()
-                mujoco.mj_step1(model, data)
-            self._put(moment, stop)
+    def _check_steps(self) -> None:
+        """Take plain steps where compiled ones move otherwise; see `fast_mujoco.self_check`."""
+        if self._steps is self._plain:
+            return
+        if SELF_CHECK.passed is None:
+            start = self.snapshot()
+            blocks = []
+            for steps in (self._steps, self._plain):
+                block = self._block(CHECKED_STEPS)
+                steps(HeldCommand(_NO_AXES, _NO_STATE, _CHECKED_COMMAND, 0.0, 1), block)
+                blocks.append(block)
+                self.restore(start)
+            SELF_CHECK.compare(*blocks)
+        if not SELF_CHECK.passed:
+            self._steps = self._plain
 
     def _check(self, before: float, steps: int) -> None:
         """Raise on divergence: MuJoCo itself resets on NaN and continues from time 0."""
@@ -308,7 +309,8 @@ class Plant:
 
     def _place(self, x: float, y: float, yaw: float) -> None:
         """Put the vehicle in line on the plane through the ground under its wheels."""
-        data, qpos = self.data, self.data.qpos
+        data = self.data
+        qpos = data.qpos
         qpos[:7] = x, y, 0.0, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)
         mujoco.mj_kinematics(self.model, data)
         wheels_x, wheels_y = self._wheel_places()
@@ -341,16 +343,17 @@ class Plant:
 
         weight = -self.model.opt.gravity[2] * self.model.body_mass.sum()
         steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)
-        moment = self._moments(1)
+        held = HeldCommand(_NO_AXES, _NO_STATE, np.zeros(3), 0.0, steps)
+        truths = self._block(1)
+        load = self.wheels.report.load
         mujoco.mj_step1(self.model, data)
         for _ in range(_SETTLE_CHUNKS):
-            previous = self.wheels.output[:, Output.LOAD].copy()
-            self._python_steps(*_NO_VALVES, np.zeros(3), 0.0, steps, *moment, after_step=brake)
+            previous = load.copy()
+            self._plain(held, truths, after_step=brake)
             # on a slope the vehicle moves by millimetres until its treads are deflected
-            sunk = data.qpos[2] - self.terrain.height(*data.qpos[:2])
-            data.qpos[:3] = x, y, self.terrain.height(x, y) + sunk
+            height = data.qpos[2] - self.terrain.height(*data.qpos[:2])
+            data.qpos[:3] = x, y, self.terrain.height(x, y) + height
             mujoco.mj_step1(self.model, data)
-            load = self.wheels.output[:, Output.LOAD]
             steady = np.abs(load - previous).max() < _SETTLED * weight
             if steady and load.sum() > 0.5 * weight:  # not during the fall
                 break
@@ -369,25 +372,26 @@ class Plant:
 
 
 def check_standing(
-    model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, output: FloatArray
+    model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, report: Wheels
 ) -> None:
     """Refuse a settled vehicle that touches the ground with more than its tyres, or still falls.
 
     The force of the ground along the vehicle's upward axis must be the weight's part along it, to
     within 2 %. The wheel loads are normal to the ground below each wheel, which may be the flank of
-    a furrow: their sum alone is up to 2 % larger. `output` is the report of the wheels after a
-    physics step, (6, 7). A tyre that is pressed flat on its rim is refused: there its law ends.
+    a furrow: their sum alone is up to 2 % larger. `report` is that of the wheels after a physics
+    step. A tyre that is pressed flat on its rim is refused: there its law ends.
     """
     place = "reset: at ({:.1f}, {:.1f}) m".format(*data.qpos[:2])
     for pair in data.contact.geom:
         bodies = {model.body(model.geom_bodyid[geom]).name for geom in pair} - {"world"}
         if not bodies <= set(WHEELS):
             raise InvalidPlant(f"{place} the {', '.join(sorted(bodies))} touches the ground")
-    height = data.xpos[[model.body(wheel).id for wheel in WHEELS], 2] - output[:, Output.GROUND]
+    height = data.xpos[[model.body(wheel).id for wheel in WHEELS], 2] - report.ground
     spare = height - (tyres.radius - tyres.section_height)  # of the rim above the ground
     worst = int(np.argmin(spare))
     if spare[worst] <= 0.0:
-        load, rated = output[worst, Output.LOAD], tyres.rated_load[worst]
+        load = report.load[worst]
+        rated = tyres.rated_load[worst]
         raise InvalidPlant(
             f"{place} the {WHEELS[worst]} tyre is pressed flat on its rim: "
             f"it carries {load:.0f} N, {load / rated:.1f} times its rated load"

@@ -13,7 +13,7 @@ from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement
 from ..ground.terrain import Terrain
 from ..recording.record import Sink
 from ..sensing.sensors import SensorSuite
-from ..truth import Moments, Truth
+from ..truth import Truth, TruthBlock
 from .deadline import Deadline
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits
@@ -40,7 +40,7 @@ class SimulationSetup:
     realtime: bool = False
     deadline: Deadline = field(default_factory=Deadline)  # of the guidance
     # Rows of `CORRIDOR` for moments in the order of time; None on free ground
-    corridor_rows: Callable[[Moments], FloatArray] | None = None
+    corridor_rows: Callable[[TruthBlock], FloatArray] | None = None
 
     def reference_row(self, step: int, x: float, y: float) -> FloatArray:
         """Return the row of the reference for a tractor at (x, y) [m] and a step of the reference.
@@ -54,7 +54,7 @@ class SimulationSetup:
         share = place - row
         return (1.0 - share) * self.reference[row] + share * self.reference[row + 1]
 
-    def reference_rows(self, first: int, stride: int, moments: Moments) -> FloatArray:
+    def reference_rows(self, first: int, stride: int, moments: TruthBlock) -> FloatArray:
         """Return the rows of the reference for moments, as `reference_row`, (n, fields).
 
         They belong to steps of the reference from `first` on, `stride` apart; 0 where it waits.
@@ -90,7 +90,7 @@ class TickContext:
         self.timestep_s = setup.plant.timestep_s  # physics step
         # physics steps from one moment to the next
         self.stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
-        self.drive_to(0, setup.plant.moment())
+        self.drive_to(0, setup.plant.present())
         self.sensed(np.empty((0, SAMPLE)))
         self.estimate: Estimate | None = None
         # as it reaches the actuators; until then the previous one
@@ -107,7 +107,7 @@ class TickContext:
         self.waits = False  # whether the reference stays there for the period
         self.estimator_ns = self.control_ns = self.plant_ns = 0
 
-    def drive_to(self, step: int, moments: Moments) -> None:
+    def drive_to(self, step: int, moments: TruthBlock) -> None:
         """Take over the moments up to a physics step, the last of them."""
         self.moments, count = moments, len(moments.rows)
         self.steps = range(step - (count - 1) * self.stride, step + 1, self.stride)

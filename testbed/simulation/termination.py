@@ -56,7 +56,7 @@ class MeanSlip:
         ways = self._ways
         last, rims, tractor = ways[-1] if ways else (now.time_s, 0.0, 0.0)
         step = now.time_s - last
-        ways.append((now.time_s, rims + step * now.rim_speed, tractor + step * now.speed))
+        ways.append((now.time_s, rims + step * now.wheel_speed, tractor + step * now.speed))
         while len(ways) > 2 and now.time_s - ways[1][0] > window - 1e-6:
             ways.popleft()
         way = ways[-1][1] - ways[0][1]

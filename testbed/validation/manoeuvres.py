@@ -359,7 +359,7 @@ def pull_at(bench: Bench, plant: Plant, cone_index: float, slip: float) -> Pull:
         truth = drive(plant, command, 0.02, 0.02)[0]
         power = plant.data.actuator_force[hydrostat] * plant.data.actuator_velocity[hydrostat]
         net = truth.wheels.force_long[DRIVEN].sum() * truth.speed
-        rows.append((truth.speed, truth.rim_speed, net, power))
+        rows.append((truth.speed, truth.wheel_speed, net, power))
         loads.append(truth.wheels.load)
     speed, rim, net, power = np.mean(rows, axis=0)
     load = np.mean(loads, axis=0)
@@ -467,7 +467,7 @@ def side_force(bench: Bench) -> Iterator[Measured]:
         )
         mobility = _mobility(plant, load, bench.cone_index)
         # the slip angle of the law refers to the speed of travel, or of sliding where it is larger
-        travel = [max(t.speed, abs(t.rim_speed - t.speed)) for t in truths]
+        travel = [max(t.speed, abs(t.wheel_speed - t.speed)) for t in truths]
         rear = np.mean(
             [math.atan2(t.lateral_speed, v) for t, v in zip(truths, travel, strict=True)]
         )

@@ -14,56 +14,89 @@ explicit steps of the length T close a gap in two, and at shorter ones a swing f
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
-from typing import Final
+from typing import Final, NamedTuple, Self
 
 import mujoco
 import numpy as np
 
-from ttempc.jit import cached_njit
+from ttempc.jit import cached_njit, record
 from ttempc.types import FloatArray
 
 COUPLING_S: Final = 0.004
 """T, the longest physics step."""
 
+COUPLED_PAIR: Final = np.dtype(
+    [
+        ("follower_position", np.float64),  # places in the positions and velocities
+        ("leader_position", np.float64),
+        ("follower_velocity", np.float64),
+        ("leader_velocity", np.float64),
+        ("order_0", np.float64),  # quartic, by the power of the leader's angle
+        ("order_1", np.float64),
+        ("order_2", np.float64),
+        ("order_3", np.float64),
+        ("order_4", np.float64),
+        ("stiffness", np.float64),  # [N m/rad] k
+        ("damping", np.float64),  # [N m s/rad] c
+    ]
+)
+"""A joint that follows another one."""
 
-def coupling_table(model: mujoco.MjModel) -> FloatArray:
-    """Return the coupled joints of a model, (n, 11), from its constraints, which may be inactive.
+_ORDERS: Final = 5
 
-    A row has places of the follower's and the leader's position, then of their velocities, the
-    quartic from order 0, k and c.
-    """
+
+class Coupling(NamedTuple):
+    """Couplings of a vehicle and the views of MuJoCo's arrays on which they act."""
+
+    pairs: FloatArray  # (n, fields) rows `COUPLED_PAIR`
+    qpos: FloatArray
+    qvel: FloatArray
+    force: FloatArray  # (nv,) [N m] passive forces, made anew by every `mj_step1`
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Self:
+        """Return the couplings of a model from its constraints, which may be inactive."""
+        return cls(_coupled_pairs(model), data.qpos, data.qvel, data.qfrc_passive)
+
+
+def _coupled_pairs(model: mujoco.MjModel) -> FloatArray:
     rows = []
     for constraint in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
         joints = [model.eq_obj1id[constraint], model.eq_obj2id[constraint]]
-        places, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+        places = model.jnt_qposadr[joints]
+        dofs = model.jnt_dofadr[joints]
+
+        # inertia that the leader and all its followers oppose to a gap
         followers = np.count_nonzero(model.eq_obj2id == joints[1])
         follower, leader = model.dof_M0[dofs].tolist()
         inertia = 1.0 / (1.0 / follower + followers / leader)
-        gains = inertia / COUPLING_S**2, inertia / COUPLING_S
-        rows.append([*places, *dofs, *model.eq_data[constraint, :5], *gains])
-    return np.array(rows).reshape(-1, 11)
+
+        stiffness = inertia / COUPLING_S**2
+        damping = inertia / COUPLING_S
+        quartic = model.eq_data[constraint, :_ORDERS]
+        rows.append([*places, *dofs, *quartic, stiffness, damping])
+    return np.array(rows).reshape(-1, len(COUPLED_PAIR.names or ()))
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
-def couple_joints(
-    coupling: FloatArray, qpos: FloatArray, qvel: FloatArray, force: FloatArray
-) -> None:
-    """Add the torques of all couplings to `force`, (nv,) [N m].
+def couple_joints(coupling: Coupling) -> None:
+    """Add the torques of all couplings to the passive forces."""
+    for row in range(coupling.pairs.shape[0]):
+        pair = record(coupling.pairs[row], COUPLED_PAIR)
+        follower = int(pair.follower_velocity)
+        leader = int(pair.leader_velocity)
+        theta = coupling.qpos[int(pair.follower_position)]
+        delta = coupling.qpos[int(pair.leader_position)]
 
-    Args:
-        coupling: (n, 11) `coupling_table`.
-        qpos: (nq,) MuJoCo's positions.
-        qvel: (nv,) MuJoCo's velocities.
-        force: (nv,) MuJoCo's passive forces, made anew by every `mj_step1`.
-    """
-    for row in range(coupling.shape[0]):
-        theta, delta = qpos[int(coupling[row, 0])], qpos[int(coupling[row, 1])]
-        follower, leader = int(coupling[row, 2]), int(coupling[row, 3])
-        c0, c1, c2 = coupling[row, 4], coupling[row, 5], coupling[row, 6]
-        c3, c4 = coupling[row, 7], coupling[row, 8]
-        angle = c0 + delta * (c1 + delta * (c2 + delta * (c3 + delta * c4)))
-        slope = c1 + delta * (2.0 * c2 + delta * (3.0 * c3 + delta * 4.0 * c4))
-        rate = slope * qvel[leader] - qvel[follower]
-        torque = coupling[row, 9] * (angle - theta) + coupling[row, 10] * rate
-        force[follower] += torque
-        force[leader] -= slope * torque
+        # phi and phi' by Horner's scheme
+        angle = pair.order_0 + delta * (
+            pair.order_1 + delta * (pair.order_2 + delta * (pair.order_3 + delta * pair.order_4))
+        )
+        slope = pair.order_1 + delta * (
+            2.0 * pair.order_2 + delta * (3.0 * pair.order_3 + delta * 4.0 * pair.order_4)
+        )
+
+        rate = slope * coupling.qvel[leader] - coupling.qvel[follower]
+        torque = pair.stiffness * (angle - theta) + pair.damping * rate
+        coupling.force[follower] += torque
+        coupling.force[leader] -= slope * torque

@@ -15,7 +15,7 @@ import mujoco.viewer
 from ..errors import LiveError, WindowClosed
 from ..recording.record import Sink
 from ..simulation.plant import Plant
-from ..truth import Moments
+from ..truth import TruthBlock
 
 
 class Window(Sink):
@@ -61,7 +61,7 @@ class Window(Sink):
     ) -> None:
         self._viewer.close()
 
-    def scenes(self, moments: Moments) -> None:
+    def scenes(self, moments: TruthBlock) -> None:
         """Draw the bodies at the last moment when its simulated time has come.
 
         Raises:

@@ -170,17 +170,16 @@ class SoilLaw:
         return law
 
     def table(self, count: int) -> FloatArray:
-        """Return all numbers in the order of the fields, for the compiled law, (count, 23)."""
-        values = [getattr(self, name.name) for name in fields(self)]
-        numbers = [value for value in values if isinstance(value, float | np.ndarray)]
-        return np.column_stack([np.broadcast_to(number, count) for number in numbers])
+        """Return the coefficients of `count` wheels for the compiled law, rows `SOIL`."""
+        coefficients = [np.broadcast_to(getattr(self, name), count) for name in _NUMBERS]
+        return np.column_stack(coefficients)
 
     def largest_traction_ratio(self, bn: FloatArray) -> FloatArray:
         """Return the traction ratio at full slip, (n,)."""
         return self.traction * (1.0 - np.exp(-self.traction_bn * bn))
 
     def traction_ratio(self, bn: FloatArray, slip: FloatArray) -> FloatArray:
-        """Return the force of the soil at the rim over load, odd in the slip, (n,)."""
+        """Return the force of the soil along the wheel over load, odd in the slip, (n,)."""
         developed = 1.0 - np.exp(-self.traction_slip * np.abs(slip))
         return np.sign(slip) * self.largest_traction_ratio(bn) * developed
 
@@ -218,9 +217,8 @@ class SoilLaw:
 
     def largest_side_ratio(self, bn: FloatArray, mobility: FloatArray) -> FloatArray:
         """Return mu, the limit of side force over load at large slip angles, (n,)."""
-        borne = self.side_bearing * self.largest_traction_ratio(bn)
-        law = self.side + self.side_mobility / mobility
-        return np.minimum(law, np.minimum(self.side_most, borne))
+        side_limit = np.minimum(self.side_most, self.side_bearing * self.largest_traction_ratio(bn))
+        return np.minimum(self.side + self.side_mobility / mobility, side_limit)
 
     def side_stiffness(self, mobility: FloatArray) -> FloatArray:
         """Return C, the initial slope of side force over load [1/rad], (n,)."""
@@ -249,3 +247,9 @@ class SoilLaw:
         rho = np.hypot(x, y)
         share = np.where(rho > 0.0, -np.expm1(-rho) / np.where(rho > 0.0, rho, 1.0), 1.0)
         return self.largest_traction_ratio(bn) * share * x, -largest * share * y
+
+
+_NUMBERS: Final = tuple(each.name for each in fields(SoilLaw) if each.name != "tyre")
+
+SOIL: Final = np.dtype([(name, np.float64) for name in _NUMBERS])
+"""Coefficients of one wheel, a row of `SoilLaw.table`."""

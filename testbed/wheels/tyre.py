@@ -23,6 +23,19 @@ SMALLEST_LOAD: Final = 50.0  # [N] floor of the load in divisions
 SMALL_SPEED: Final = 0.05  # [m/s] floor in the reported slips (the forces need none)
 LEAST_UPRIGHT: Final = 0.3  # cosine of disc to vertical below which a wheel lies on its side
 
+TYRE: Final = np.dtype(
+    [
+        ("radius", np.float64),  # [m] unloaded, also the rolling radius
+        ("width", np.float64),  # [m] section width
+        ("bn_area", np.float64),  # [m2] mobility number Bn where the cone index equals the load
+        ("m_area", np.float64),  # [m2] mobility number M where the cone index equals the load
+        ("stiffness", np.float64),  # [N/m] Winkler stiffness
+        ("damping", np.float64),  # [s/m]
+        ("compliance", np.float64),  # [m/N] deflection over load
+    ]
+)
+"""Parameters of one tyre, a row of `Tyres.table`."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tyres:
@@ -46,7 +59,8 @@ class Tyres:
 
     def mobility_areas(self, law: SoilLaw) -> FloatArray:
         """Return the mobility numbers Bn and M for a cone index equal to the load [m^2], (n, 2)."""
-        area, slenderness = 2.0 * self.radius * self.width, 0.5 * self.width / self.radius
+        area = 2.0 * self.radius * self.width
+        slenderness = 0.5 * self.width / self.radius
         bn = area * (1.0 + law.mobility_deflection * self.relative_deflection)
         m = area * np.sqrt(self.relative_deflection)
         return np.column_stack(
@@ -57,10 +71,12 @@ class Tyres:
         )
 
     def table(self, law: SoilLaw) -> FloatArray:
-        """Return the parameters for the compiled law, (n, 7); the last is deflection over load."""
-        give = self.relative_deflection * self.section_height / self.rated_load  # [m/N]
+        """Return the parameters for the compiled law, rows `TYRE`."""
+        compliance = self.relative_deflection * self.section_height / self.rated_load  # [m/N]
         areas = self.mobility_areas(law)
-        return np.column_stack([self.radius, self.width, areas, self.stiffness, self.damping, give])
+        return np.column_stack(
+            [self.radius, self.width, areas, self.stiffness, self.damping, compliance]
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +123,10 @@ def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
     upright = np.linalg.norm(up, axis=1)  # (n,)
     up = up / np.maximum(upright, LEAST_UPRIGHT)[:, None]
     ahead = np.cross(motion.axle, up)  # (n, 3)
-    rim = np.sin(FAN_ANGLES)[:, None] * ahead[:, None] - np.cos(FAN_ANGLES)[:, None] * up[:, None]
+    spoke = np.sin(FAN_ANGLES)[:, None] * ahead[:, None] - np.cos(FAN_ANGLES)[:, None] * up[:, None]
     points = (  # (n, 7, 3, 3): wheel, angle, column, xyz
         motion.centre[:, None, None]
-        + tyres.radius[:, None, None, None] * rim[:, :, None]
+        + tyres.radius[:, None, None, None] * spoke[:, :, None]
         + (tyres.width[:, None] * FAN_COLUMNS)[:, None, :, None] * motion.axle[:, None, None]
     )
     height, slope_x, slope_y = _surface(terrain, points[..., 0], points[..., 1])  # (n, 7, 3)
@@ -133,15 +149,19 @@ def _surface(
     terrain: Terrain, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return height [m] and both slopes of the bilinear surface at (x, y)."""
-    grid, spacing = terrain.heights, terrain.spacing_m
+    grid = terrain.heights
+    spacing = terrain.spacing_m
     ny, nx = grid.shape
     u = np.clip((x - terrain.origin[0]) / spacing, 0.0, nx - 1.0)
     v = np.clip((y - terrain.origin[1]) / spacing, 0.0, ny - 1.0)
     i = np.minimum(u.astype(np.int64), nx - 2)
     j = np.minimum(v.astype(np.int64), ny - 2)
-    p, q = u - i, v - j
-    south_west, south_east = grid[j, i], grid[j, i + 1]
-    north_west, north_east = grid[j + 1, i], grid[j + 1, i + 1]
+    p = u - i
+    q = v - j
+    south_west = grid[j, i]
+    south_east = grid[j, i + 1]
+    north_west = grid[j + 1, i]
+    north_east = grid[j + 1, i + 1]
     south = south_west + p * (south_east - south_west)
     north = north_west + p * (north_east - north_west)
     slope_x = ((1.0 - q) * (south_east - south_west) + q * (north_east - north_west)) / spacing

@@ -10,20 +10,25 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
+from ..bodies import Bodies
 from ..errors import InvalidPlant
 from ..ground.ground import Ground
-from ..truth import WHEELS
-from ..vehicle.steering_coupling import couple_joints, coupling_table
+from ..ground.surface import Surface
+from ..truth import WHEELS, Wheels
+from ..vehicle.steering_coupling import Coupling, couple_joints
+from .ruts import Ruts
 from .soil_law import SoilLaw
 from .tyre import Tyres, mobility
-from .tyre_kernel import Output, wheel_step
+from .tyre_kernel import TREAD, WHEEL, WheelSet, wheel_step
+
+_TREAD_SIZE: Final = len(TREAD.names or ())
 
 
 class WheelModel:
     """The wheels of one plant.
 
     The plant calls `adapt` before it compiles the MJCF. For every series of physics steps it calls
-    `prepare` once, `step` before the accelerations of each step, and `report` after the
+    `prepare` once, `step` before the accelerations of each step, and `write_report` after the
     accelerations of the last one.
     """
 
@@ -31,13 +36,15 @@ class WheelModel:
     couples_steering: ClassVar[bool] = False  # by a force, in place of the model's constraints
 
     state: FloatArray  # all that the future depends on besides MuJoCo's state; changed in place
-    output: FloatArray  # (6, 7) last report: wheels in the order of `WHEELS`, columns of `Output`
+    output: FloatArray  # (6, 7) last report: wheels in the order of `WHEELS`, rows `WHEEL`
+    report: Wheels  # view of `output`
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground, law: SoilLaw
     ) -> None:
         self.state = np.zeros(0)
-        self.output = np.zeros((len(WHEELS), len(Output)))
+        self.output = np.zeros((len(WHEELS), len(WHEEL.names or ())))
+        self.report = Wheels(*self.output.T)
 
     @staticmethod
     def adapt(spec: mujoco.MjSpec) -> None:
@@ -57,7 +64,7 @@ class WheelModel:
     def step(self) -> None:
         """Apply the forces of the ground for one physics step, and couple the steering."""
 
-    def report(self) -> None:
+    def write_report(self) -> None:
         """Write loads, slips and forces of the present step into `output`."""
 
 
@@ -77,45 +84,46 @@ class SoilWheels(WheelModel):
         self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground, law: SoilLaw
     ) -> None:
         super().__init__(model, data, tyres, ground, law)
-        heights, n = ground.terrain.heights, len(WHEELS)
-        self.state = np.zeros(5 * n + heights.size if ground.ruts else 3 * n)
+        count = len(WHEELS)
+        heights = ground.terrain.heights
+
+        # The state: treads, and with ruts travel and excess resistance of each wheel, then heights.
+        treads = _TREAD_SIZE * count
+        self.state = np.zeros(treads + 2 * count + heights.size if ground.ruts else treads)
+        travel, excess, pressed = np.split(self.state[treads:], [count, 2 * count])
         self._firm = heights if ground.ruts else np.empty((0, 0))
-        self._heights = self.state[5 * n :] if ground.ruts else np.empty(0)
-        surface = self._heights.reshape(heights.shape) if ground.ruts else heights
+        self._heights = pressed.reshape(self._firm.shape)
+        surface = self._heights.view() if ground.ruts else heights
         for each in (surface, self._firm):
             each.setflags(write=False)  # views: one compiled version of the kernel
         self.reset()
+
         self.tyre_table: Final = tyres.table(law)
-        terrain = ground.terrain
-        # views of MuJoCo's arrays, bound once: they outlive a reset of the data
-        self.arguments: Final = (  # of `wheel_step`
-            law.of(tyres.radial).table(len(WHEELS)),
-            self.tyre_table,
-            surface,
-            ground.cone_index,
-            np.array([*terrain.origin, terrain.spacing_m, model.opt.timestep]),
-            self._firm,
-            np.array([model.body(wheel).id for wheel in WHEELS]),
-            *(data.xpos, data.xmat, data.cvel, data.subtree_com),
-            *(self.state, self.output, data.xfrc_applied),
+        self.kernel: Final = WheelSet(
+            law=law.of(tyres.radial).table(count),
+            tyres=self.tyre_table,
+            surface=Surface.of(ground, surface),
+            ruts=Ruts(self._firm, self._heights, travel, excess),
+            bodies=Bodies.of(data),
+            numbers=np.array([model.body(wheel).id for wheel in WHEELS]),
+            treads=self.state[:treads].reshape(count, _TREAD_SIZE),
+            output=self.output,
+            timestep=float(model.opt.timestep),
         )
-        self.coupling: Final = (  # arguments of `couple_joints`
-            coupling_table(model),
-            *(data.qpos, data.qvel, data.qfrc_passive),
-        )
+        self.coupling: Final = Coupling.of(model, data)
 
     def reset(self) -> None:
         """Return to the state before any motion."""
         super().reset()
-        self._heights[:] = self._firm.ravel()
+        self._heights[:] = self._firm
 
     def couple(self) -> None:
         """Add the torques of the steering linkage for one physics step."""
-        couple_joints(*self.coupling)
+        couple_joints(self.coupling)
 
     def step(self) -> None:
         """Apply the forces of the ground for one physics step, and couple the steering."""
-        wheel_step(*self.arguments)
+        wheel_step(self.kernel)
         self.couple()
 
 
@@ -132,7 +140,10 @@ class ContactWheels(WheelModel):
         self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground, law: SoilLaw
     ) -> None:
         super().__init__(model, data, tyres, ground, law)
-        self._model, self._data, self._tyres, self._ground = model, data, tyres, ground
+        self._model = model
+        self._data = data
+        self._tyres = tyres
+        self._ground = ground
         self._law = law.of(tyres.radial)
         self._bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._geoms = np.array([model.geom(f"{wheel}_contact").id for wheel in WHEELS])
@@ -143,25 +154,28 @@ class ContactWheels(WheelModel):
         """Let the ellipsoid of every wheel collide with the ground."""
         for wheel in WHEELS:
             geom = spec.geom(f"{wheel}_contact")
-            geom.contype, geom.conaffinity = 2, 1
+            geom.contype = 2
+            geom.conaffinity = 1
 
     def prepare(self) -> None:
         """Set friction and motion resistance for the soil under each wheel and its last load.
 
         MuJoCo's contacts are computed again: the present ones have the previous friction.
         """
-        load = self.output[:, Output.LOAD]
+        load = self.report.load
         bn, _ = mobility(self._law, self._tyres, load, self._cone_index())
         self._model.geom_friction[self._geoms, 0] = self._law.largest_traction_ratio(bn)
         resistance = load * self._law.motion_resistance_ratio(bn, np.zeros_like(bn))  # (6,) [N]
         self._model.dof_frictionloss[self._dofs] = resistance * self._tyres.radius
         mujoco.mj_step1(self._model, self._data)
 
-    def report(self) -> None:
+    def write_report(self) -> None:
         """Write loads and forces of the present contacts into `output`, (6, 7)."""
-        data, output = self._data, self.output
-        output[:] = 0.0
-        output[:, [Output.SLIP, Output.SLIP_ANGLE]] = np.nan
+        data = self._data
+        report = self.report
+        self.output[:] = 0.0
+        report.slip[:] = np.nan
+        report.slip_angle[:] = np.nan
         wrench = np.zeros(6)
         for index, pair in enumerate(data.contact.geom):
             wheel = np.flatnonzero((self._geoms == pair[0]) | (self._geoms == pair[1]))
@@ -176,12 +190,12 @@ class ContactWheels(WheelModel):
             axle = data.xmat[self._bodies[wheel[0]]].reshape(3, 3)[:, 1]
             ahead = np.cross(axle, normal)
             ahead /= np.linalg.norm(ahead)
-            output[wheel, Output.LOAD] += wrench[0]
-            output[wheel, Output.FORCE_LONG] += force @ ahead
-            output[wheel, Output.FORCE_LAT] += force @ np.cross(normal, ahead)
+            report.load[wheel] += wrench[0]
+            report.force_long[wheel] += force @ ahead
+            report.force_lat[wheel] += force @ np.cross(normal, ahead)
         place = data.xpos[self._bodies]
-        output[:, Output.CONE_INDEX] = self._cone_index()
-        output[:, Output.GROUND] = self._ground.terrain.height(place[:, 0], place[:, 1])
+        report.cone_index[:] = self._cone_index()
+        report.ground[:] = self._ground.terrain.height(place[:, 0], place[:, 1])
 
     def _cone_index(self) -> FloatArray:
         """Return the cone index under each wheel [kPa], (6,)."""
@@ -203,6 +217,3 @@ def wheel_model(name: str) -> type[WheelModel]:
         allowed = " or ".join(map(repr, WHEEL_MODELS))
         raise InvalidPlant(f"plant.wheels: got {name!r}, must be {allowed}")
     return WHEEL_MODELS[name]
-
-
-"""Type of a setting: the name of a wheel model; another name raises `InvalidPlant`."""

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from proving_ground.testbed.truth import STATE_COLUMNS, Moments, Pose, Truth, Wheels
+from proving_ground.testbed.truth import STATE_COLUMNS, Pose, Truth, TruthBlock, Wheels
 
 _LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -24,7 +24,7 @@ def truth(tractor=None, trailer=None, **values) -> Truth:
         lateral_speed=0.0,
         yaw_rate_t=0.0,
         yaw_rate_i=0.0,
-        rim_speed=0.0,
+        wheel_speed=0.0,
         hp=0.0,
         set_points=np.zeros(3),
         wheels=Wheels(*([zeros] * 7)),
@@ -53,11 +53,11 @@ def moments(*truths):
             *(of.tractor.z, of.tractor.pitch, of.tractor.roll),
             *(of.trailer.z, of.trailer.pitch, of.trailer.roll),
             *(of.psi_d, of.beta, of.delta_t, of.delta_i, of.hp, of.speed, of.lateral_speed),
-            *(of.yaw_rate_t, of.yaw_rate_i, of.rim_speed, *of.set_points.tolist()),
+            *(of.yaw_rate_t, of.yaw_rate_i, of.wheel_speed, *of.set_points.tolist()),
         )
         return np.concatenate([motion, np.transpose(of.wheels).ravel(), of.antennas.ravel()])
 
-    return Moments(
+    return TruthBlock(
         np.array([row(of) for of in truths]),
         np.array([np.hstack([of.body_xyz, of.body_quat]) for of in truths]),
         np.array([tool_row(of.tool) if of.tool else () for of in truths]),

@@ -16,14 +16,18 @@ import numpy as np
 from ttempc.errors import TtempcError
 from ttempc.types import FloatArray
 
+from ....testbed.bodies import Bodies
 from ....testbed.errors import TestbedError
+from ....testbed.ground.ground import Ground
 from ....testbed.ground.soil import SoilMap
+from ....testbed.ground.surface import Surface
 from ....testbed.ground.terrain import flat
 from ....testbed.simulation.plant import Plant
-from ....testbed.truth import WHEELS, Truth
+from ....testbed.truth import WHEELS, Truth, Wheels
 from ....testbed.validation.bench import DRIVEN, STOP, TRAILER, column, drive, steps, wheel_places
 from ....testbed.vehicle.servos import tyres_of
-from ....testbed.wheels.tyre_kernel import wheel_step
+from ....testbed.wheels.ruts import Ruts
+from ....testbed.wheels.tyre_kernel import WheelSet, wheel_step
 from ..runner import Runner
 from ..study import Block, Study
 from ..tables import markdown
@@ -148,7 +152,7 @@ def pull(machine: Machine) -> list[float]:
             power = plant.data.actuator_force[hydrostat] * plant.data.actuator_velocity[hydrostat]
             net = truth.wheels.force_long[DRIVEN].sum()
             load = truth.wheels.load[DRIVEN].sum()
-            slip = 1.0 - truth.speed / truth.rim_speed
+            slip = 1.0 - truth.speed / truth.wheel_speed
             rows.append((slip, net / load, 100.0 * net * truth.speed / power))
         slip, ratio, efficiency = np.array(rows[50:]).T
         figures += np.interp(slips, slip, ratio).tolist()
@@ -193,20 +197,36 @@ def _side_forces(
     tyres, ground, angle = tyres_of(bench.vehicle), flat((20.0, 20.0)), math.radians(degrees)
     law = bench.wheel_law.of(tyres.radial)
     ahead, aside = speed * math.cos(angle), speed * math.sin(angle)
-    places, moving = np.zeros((n + 1, 3)), np.zeros((n + 1, 6))
-    places[1:, 2] = tyres.radius - tyres.relative_deflection * tyres.section_height
-    moving[1:, 1] = ahead / tyres.radius  # rolls without slip
-    state, output, force = np.zeros(3 * n), np.zeros((n, 7)), np.zeros((n + 1, 6))
-    grid = np.array([*ground.origin, ground.spacing_m, dt])
-    tables = law.table(n), tyres.table(law), ground.heights
-    soil = np.full(ground.heights.shape, cone_index * machine.strength)
-    axes, centre, history = np.tile(np.eye(3).ravel(), (n + 1, 1)), np.zeros((n + 1, 3)), []
+    bodies = Bodies(
+        positions=np.zeros((n + 1, 3)),
+        axes=np.tile(np.eye(3).ravel(), (n + 1, 1)),
+        mass_centres=np.zeros((n + 1, 3)),
+        velocities=np.zeros((n + 1, 6)),
+        subtree_centres=np.zeros((n + 1, 3)),
+        wrenches=np.zeros((n + 1, 6)),
+    )
+    strength = np.full(ground.heights.shape, cone_index * machine.strength)
+    wheels = WheelSet(
+        law=law.table(n),
+        tyres=tyres.table(law),
+        surface=Surface.of(Ground(ground, strength)),
+        ruts=Ruts.none(),
+        bodies=bodies,
+        numbers=np.arange(1, n + 1),
+        treads=np.zeros((n, 3)),
+        output=np.zeros((n, len(Wheels._fields))),
+        timestep=dt,
+    )
+    report = Wheels(*wheels.output.T)
+    bodies.positions[1:, 2] = tyres.radius - tyres.relative_deflection * tyres.section_height
+    bodies.velocities[1:, 1] = ahead / tyres.radius  # rolls without slip
+    history = []
     for _ in range(round(way_m / speed / dt)):
-        places[1:, :2] += ahead * dt, aside * dt
-        moving[1:, 3:] = [ahead, aside, 0.0] - np.cross(moving[1:, :3], places[1:])
-        about = (np.empty((0, 0)), np.arange(1, n + 1), places, axes, moving, centre)
-        wheel_step(*tables, soil, grid, *about, state, output, force)
-        history.append(-output[:, 4] / output[:, 0])
+        bodies.positions[1:, :2] += ahead * dt, aside * dt
+        turning = np.cross(bodies.velocities[1:, :3], bodies.positions[1:])
+        bodies.velocities[1:, 3:] = [ahead, aside, 0.0] - turning
+        wheel_step(wheels)
+        history.append(-report.force_lat / report.load)
     return np.array(history)
 
 

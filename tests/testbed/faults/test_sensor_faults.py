@@ -67,7 +67,7 @@ def state(time_s):
         delta_t=of["steering_tractor"][0],
         delta_i=of["steering_trailer"][0],
         beta=of["hitch"][0],
-        rim_speed=of["encoder"][0],
+        wheel_speed=of["encoder"][0],
         yaw_rate_t=of["imu_tractor"][0],
         yaw_rate_i=of["imu_trailer"][0],
     )

@@ -5,10 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from proving_ground.testbed.bodies import Bodies
 from proving_ground.testbed.ground.ground import Ground
+from proving_ground.testbed.ground.surface import Surface
 from proving_ground.testbed.ground.terrain import flat, rough
 from proving_ground.testbed.implement.implement import POINTS, Implement
-from proving_ground.testbed.implement.tool_kernel import ToolLaw, tool_step
+from proving_ground.testbed.implement.tool_kernel import ToolLaw, Tools, tool_step
 
 FRAME, DT = 0.3, 0.002
 LEVEL = flat((20.0, 20.0))
@@ -32,18 +34,32 @@ def act(tool, velocity, rotation=(0.0, 0.0, 0.0), *, axes=None, height=FRAME, xy
     axle, velocity, rotation = np.array([*xy, height]), np.array(velocity), np.array(rotation)
     com, centre = np.array([0.3, -0.2, 0.5]), axle + np.array([0.2, 0.1, -0.1])
     cvel = np.concatenate([rotation, velocity + np.cross(rotation, com - axle)])
-    body = [np.tile(row, (2, 1)) for row in (axle, axes.ravel(), centre, cvel, com)]
-    lift, output, xfrc = np.array([lowered, distance]), np.empty((POINTS, 3)), np.zeros((2, 6))
-    law, work = ToolLaw.of(tool, FRAME, 600.0), np.array(tool.work_m).reshape(-1, 2)
-    grid = np.array([*ground.terrain.origin, ground.terrain.spacing_m, DT])
-    soil = (ground.terrain.heights, ground.cone_index, grid)
-    tool_step(law.table(), tool.offsets, work, *soil, 1, *body, lift, output, xfrc)
-    force = xfrc[1, :3]
-    moment = xfrc[1, 3:] + np.cross(centre - axle, force)
-    depth, draft, side = output.T
+    bodies = Bodies(
+        positions=np.tile(axle, (2, 1)),
+        axes=np.tile(axes.ravel(), (2, 1)),
+        mass_centres=np.tile(centre, (2, 1)),
+        velocities=np.tile(cvel, (2, 1)),
+        subtree_centres=np.tile(com, (2, 1)),
+        wrenches=np.zeros((2, 6)),
+    )
+    tools = Tools(
+        law=ToolLaw.of(tool, FRAME, 600.0).row(),
+        offsets=tool.offsets,
+        work=np.array(tool.work_m).reshape(-1, 2),
+        surface=Surface.of(ground),
+        bodies=bodies,
+        trailer=1,
+        lift=np.array([lowered, distance]),
+        output=np.empty((POINTS, 3)),
+        timestep=DT,
+    )
+    tool_step(tools)
+    force = bodies.wrenches[1, :3]
+    moment = bodies.wrenches[1, 3:] + np.cross(centre - axle, force)
+    depth, draft, side = tools.output.T
     power = force @ velocity + moment @ rotation
     return SimpleNamespace(depth=depth, draft=draft, side=side, force=force, moment=moment,
-                           power=power, lowered=lift[0], distance=lift[1])  # fmt: skip
+                           power=power, lowered=tools.lift[0], distance=tools.lift[1])  # fmt: skip
 
 
 def test_it_never_gives_energy_and_rests_without_force():

@@ -59,7 +59,7 @@ def test_rows_of_the_truth_stand_under_their_names(driven):
     assert state["psi_d_rad"] == driven.psi_d
     assert state["hp"] == driven.hp
     assert state["yaw_rate_i_radps"] == driven.yaw_rate_i
-    assert state["v_rim_mps"] == driven.rim_speed
+    assert state["v_rim_mps"] == driven.wheel_speed
     assert state["hp_set_point"] == driven.set_points[2]
     tyres = named(TYRES, row[TYRE_COLUMNS])
     for index, wheel in enumerate(WHEELS):

@@ -22,7 +22,7 @@ from ttempc.layout import measurements_of
 from ttempc.models.augmented_state import LENGTH
 from ttempc.types import Sensor
 
-SPEEDS = {"speed": 1.0, "rim_speed": 1.1}
+SPEEDS = {"speed": 1.0, "wheel_speed": 1.1}
 LEVERS = np.array([[0.0, 0.0, 1.78], [0.0, 0.0, 1.27]])
 TILTED = np.array([[0.1, 0.2, 1.7], [-2.3, 0.1, 1.2]])  # antennas of a vehicle that leans
 GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
@@ -76,7 +76,7 @@ def test_the_paper_s_samples_are_truth_plus_white_noise_bit_for_bit():
         np.testing.assert_array_equal(values[sensor], plain)
 
 
-@pytest.mark.parametrize(("on", "speed"), [("wheel", "rim_speed"), ("ground", "speed")])
+@pytest.mark.parametrize(("on", "speed"), [("wheel", "wheel_speed"), ("ground", "speed")])
 def test_the_encoder_measures_wheel_or_ground_speed(on, speed):
     values = collect(replace(EXACT, encoder_on=on), seed=1, steps=1)
     assert values[Sensor.ENCODER] == pytest.approx(SPEEDS[speed])
@@ -188,7 +188,7 @@ def test_a_late_sample_has_the_time_and_the_value_of_its_sampling():
     came = {Sensor.GNSS_TRACTOR: [], Sensor.ENCODER: [], Sensor.HITCH: []}
     times = 0.002 * np.arange(0, 1000, suite.every)
     states = moments(
-        *(truth(time_s=t, tractor={"x": t}, rim_speed=2 * t, beta=0.1 * t) for t in times)
+        *(truth(time_s=t, tractor={"x": t}, wheel_speed=2 * t, beta=0.1 * t) for t in times)
     )
     for first in range(0, len(times), 8):
         block = slice(first, first + 8)

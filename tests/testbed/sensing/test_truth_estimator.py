@@ -26,7 +26,7 @@ def truth_of(state, time_s, rim):
         delta_t=state[State.DELTA_T],
         delta_i=state[State.DELTA_I],
         speed=state[State.V],
-        rim_speed=rim,
+        wheel_speed=rim,
     )
 
 

@@ -7,8 +7,8 @@ from proving_ground.testbed.actuation.actuators import ActuatorSpecification, St
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.implement.implement import Implement
-from proving_ground.testbed.simulation.clearance import MOTION_M, clearance
-from proving_ground.testbed.simulation.compiled_steps import disable_flags
+from proving_ground.testbed.simulation.fast_mujoco.clearance import MOTION_M, clearance
+from proving_ground.testbed.simulation.fast_mujoco.library import disable_flags
 from proving_ground.testbed.simulation.plant import Plant
 
 from tests.testbed.plants import SMALL
@@ -21,9 +21,9 @@ def rough_slope(seed, letter="E", slope=0.15):
     return terrain.rough(letter, np.random.default_rng(seed), (30.0, 20.0)).tilted(slope, 0.7)
 
 
-def arguments(plant):
-    """Return shapes' clearance arguments and the reaches of the degrees of freedom."""
-    return plant._steps.args[6], plant._steps.args[7]
+def watch_of(plant):
+    """Return the watch over the contacts of a plant with compiled steps."""
+    return plant._steps.machine.contacts
 
 
 def pair(ground, **options):
@@ -31,7 +31,7 @@ def pair(ground, **options):
     plants = [Plant(SMALL, ground, SOIL, **options) for _ in range(2)]
     for plant in plants:
         plant.reset(-5.0, 0.0, 0.2, 1.0)
-    plants[1]._steps = plants[1]._python_steps
+    plants[1]._steps = plants[1]._plain
     return plants
 
 
@@ -74,7 +74,7 @@ def test_a_vehicle_that_falls_over_touches_the_ground_as_in_python():
 def test_the_clearance_bounds_every_motion_without_a_contact():
     plant, _ = pair(rough_slope(5, "F", 0.3))
     model, data = plant.model, plant.data
-    chassis, _ = arguments(plant)
+    chassis = watch_of(plant).chassis
     rng = np.random.default_rng(6)
     start, seen, near = data.qpos.copy(), 0, 0
     for _ in range(1500):
@@ -85,7 +85,7 @@ def test_the_clearance_bounds_every_motion_without_a_contact():
             data.qpos[3:7], rng.uniform((-0.5, -0.5, 0.0), (0.5, 0.5, 6.0)), "XYZ"
         )
         mujoco.mj_kinematics(model, data)
-        free = clearance(*chassis)
+        free = clearance(chassis)
         assert free <= MOTION_M
         if free == 0.0:
             continue
@@ -103,7 +103,8 @@ def test_the_clearance_bounds_every_motion_without_a_contact():
 def test_a_unit_of_each_degree_of_freedom_moves_no_point_farther_than_its_reach():
     plant, _ = pair(rough_slope(7))
     model, data = plant.model, plant.data
-    (_, _, shapes, *_), reaches = arguments(plant)
+    shapes = watch_of(plant).chassis.shapes
+    reaches = watch_of(plant).reaches
     rng, jacobian = np.random.default_rng(8), np.zeros((3, model.nv))
     for _ in range(50):
         mujoco.mj_integratePos(model, data.qpos, rng.uniform(-0.5, 0.5, model.nv), 1.0)

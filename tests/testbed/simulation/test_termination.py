@@ -50,7 +50,7 @@ def slips(speeds, period_s=0.2, window_s=5.0):
     """Return the mean slip at each moment, for pairs of rim and ground speed [m/s]."""
     mean = MeanSlip()
     return [
-        mean.update(truth(time_s=k * period_s, rim_speed=rim, speed=speed), window_s)
+        mean.update(truth(time_s=k * period_s, wheel_speed=rim, speed=speed), window_s)
         for k, (rim, speed) in enumerate(speeds)
     ]
 

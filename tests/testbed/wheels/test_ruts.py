@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.ground.surface import Grid
+from proving_ground.testbed.wheels.ruts import Ruts, press
 from proving_ground.testbed.wheels.tyre import mobility
-from proving_ground.testbed.wheels.tyre_kernel import press
 
 from tests.testbed.plants import plant_on
 from ttempc.types import Command
@@ -66,14 +67,13 @@ def test_passes_deepen_a_rut_as_published():
     The second pass costs less work than the first one, and a lighter wheel hardly deepens the rut.
     """
     ground = terrain.flat((4.0, 4.0))
-    state, grid = -0.0 * ground.heights.ravel(), np.array([*ground.origin, 0.1, 0.002])
+    ruts = Ruts(ground.heights, np.zeros(ground.heights.shape), np.zeros(1), np.zeros(1))
+    grid = Grid(*ground.origin, 0.1)
 
     def drive_over(sinkage):
         steps = np.arange(-1.0, 1.0, 0.025)
-        works = [
-            press(x, 0.0, (0.0, 0.3), 0.025, sinkage, ground.heights, grid, state, 0) for x in steps
-        ]
-        middle = state.reshape(ground.heights.shape)[20, 12:28]
+        works = [press(ruts, grid, x, 0.0, (0.0, 0.3), 0.025, sinkage) for x in steps]
+        middle = ruts.heights[20, 12:28]
         return -float(np.mean(middle)), float(np.mean(works))
 
     (first, work), (second, less) = drive_over(0.03), drive_over(0.03)

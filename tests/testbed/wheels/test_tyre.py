@@ -6,19 +6,33 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from proving_ground.testbed.bodies import Bodies
 from proving_ground.testbed.ground import terrain
+from proving_ground.testbed.ground.ground import Ground
+from proving_ground.testbed.ground.surface import Surface
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.truth import Wheels
 from proving_ground.testbed.wheels import tyre
+from proving_ground.testbed.wheels.ruts import Ruts
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import Tyres, WheelMotion
-from proving_ground.testbed.wheels.tyre_kernel import Output, wheel_step
+from proving_ground.testbed.wheels.tyre_kernel import WheelSet, wheel_step
 
 DT = 0.002
 FLAT = terrain.flat((20.0, 20.0))
 LAW = SoilLaw()
-NO_RUTS = np.empty((0, 0))
-NO_RUTS.setflags(write=False)
+
+
+def still_bodies(n):
+    """Return MuJoCo-like arrays of n wheels, bodies 2 to n + 1, at rest at the origin."""
+    return Bodies(
+        positions=np.zeros((n + 2, 3)),
+        axes=np.zeros((n + 2, 9)),
+        mass_centres=np.zeros((n + 2, 3)),
+        velocities=np.zeros((n + 2, 6)),
+        subtree_centres=np.tile([0.3, -0.2, 0.5], (n + 2, 1)),
+        wrenches=np.zeros((n + 2, 6)),
+    )
 
 
 def motion(centre, axle, velocity, rotation):
@@ -34,20 +48,28 @@ def step(tyres, ground, cone_index, wheels, deflection, dt, law=LAW):
         Tread deflections (n, 3) after `dt` [s], and the forces of the ground.
     """
     n = len(wheels.centre)
-    xpos, xmat = np.vstack([np.zeros((2, 3)), wheels.centre]), np.zeros((n + 2, 9))
-    xmat[2:, [1, 4, 7]] = wheels.axle
-    com, cvel = np.tile([0.3, -0.2, 0.5], (n + 2, 1)), np.zeros((n + 2, 6))
-    cvel[2:, :3] = wheels.rotation
-    cvel[2:, 3:] = wheels.velocity - np.cross(wheels.rotation, wheels.centre - com[2:])
-    state = np.ravel(deflection).copy()
-    output, xfrc = np.zeros((n, len(Output))), np.zeros((n + 2, 6))
-    grid = np.array([*ground.origin, ground.spacing_m, dt])
-    soil = (ground.heights, np.full(ground.heights.shape, cone_index), grid, NO_RUTS)
-    tables = (law.table(n), tyres.table(LAW))
-    wheel_step(*tables, *soil, np.arange(2, n + 2), xpos, xmat, cvel, com, state, output, xfrc)
-    columns = {column.name.lower(): output[:, column] for column in Output}
-    forces = SimpleNamespace(force=xfrc[2:, :3], moment=xfrc[2:, 3:], **columns)
-    return state[: 3 * n].reshape(n, 3), forces
+    bodies = still_bodies(n)
+    bodies.positions[2:] = wheels.centre
+    bodies.axes[2:, [1, 4, 7]] = wheels.axle
+    bodies.velocities[2:, :3] = wheels.rotation
+    arms = wheels.centre - bodies.subtree_centres[2:]
+    bodies.velocities[2:, 3:] = wheels.velocity - np.cross(wheels.rotation, arms)
+    kernel = WheelSet(
+        law=law.table(n),
+        tyres=tyres.table(LAW),
+        surface=Surface.of(Ground(ground, np.full(ground.heights.shape, cone_index))),
+        ruts=Ruts.none(),
+        bodies=bodies,
+        numbers=np.arange(2, n + 2),
+        treads=np.array(deflection, dtype=float).reshape(n, 3),
+        output=np.zeros((n, len(Wheels._fields))),
+        timestep=dt,
+    )
+    wheel_step(kernel)
+    report = Wheels(*kernel.output.T)
+    wrenches = bodies.wrenches[2:]
+    forces = SimpleNamespace(force=wrenches[:, :3], moment=wrenches[:, 3:], **report._asdict())
+    return kernel.treads, forces
 
 
 def one(tyres, index=2) -> Tyres:
@@ -339,21 +361,24 @@ def test_forces_act_along_the_wheels_axes_at_the_centre_of_pressure(tyres):
     assert touching > 150
 
 
-def test_the_columns_of_the_report_are_the_fields_of_wheels():
-    assert [column.name.lower() for column in Output] == list(Wheels._fields)
-
-
 def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
     cone = np.arange(201 * 201, dtype=float).reshape(201, 201) + 100.0
-    state, output, xfrc = np.zeros(18), np.zeros((6, len(Output))), np.zeros((8, 6))
-    xpos = np.zeros((8, 3))
-    xpos[2:, 0] = np.linspace(-8.0, 8.0, 6)
-    xpos[2:, 1] = np.linspace(5.0, -6.0, 6)
-    xmat = np.tile(np.eye(3).ravel(), (8, 1))
-    grid = np.array([*FLAT.origin, FLAT.spacing_m, DT])
-    kernel = (LAW.table(6), tyres.table(LAW), FLAT.heights, cone, grid, NO_RUTS)
-    kernel += (np.arange(2, 8), xpos, xmat)
-    wheel_step(*kernel, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
-    column = np.rint((xpos[2:, 0] + 10.0) / 0.1).astype(int)
-    row = np.rint((xpos[2:, 1] + 10.0) / 0.1).astype(int)
-    np.testing.assert_array_equal(output[:, Output.CONE_INDEX], cone[row, column])
+    bodies = still_bodies(6)
+    bodies.positions[2:, 0] = np.linspace(-8.0, 8.0, 6)
+    bodies.positions[2:, 1] = np.linspace(5.0, -6.0, 6)
+    bodies.axes[:] = np.eye(3).ravel()
+    kernel = WheelSet(
+        law=LAW.table(6),
+        tyres=tyres.table(LAW),
+        surface=Surface.of(Ground(FLAT, cone)),
+        ruts=Ruts.none(),
+        bodies=bodies,
+        numbers=np.arange(2, 8),
+        treads=np.zeros((6, 3)),
+        output=np.zeros((6, len(Wheels._fields))),
+        timestep=DT,
+    )
+    wheel_step(kernel)
+    column = np.rint((bodies.positions[2:, 0] + 10.0) / 0.1).astype(int)
+    row = np.rint((bodies.positions[2:, 1] + 10.0) / 0.1).astype(int)
+    np.testing.assert_array_equal(Wheels(*kernel.output.T).cone_index, cone[row, column])
