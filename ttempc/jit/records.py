@@ -24,9 +24,10 @@ class _Fields:
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - a number or an array
         try:
-            return self._record[name]
+            value = self._record[name]
         except ValueError as error:
             raise AttributeError(str(error)) from None
+        return _Fields(value) if isinstance(value, np.void) else value
 
     def __setattr__(self, name: str, value: Any) -> None:  # noqa: ANN401
         self._record[name] = value
