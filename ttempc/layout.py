@@ -180,6 +180,17 @@ ALARM: Final = 4
 """Entries of an alarm, a row for each detector: its `Reaction`, -1 where there is none, and three
 numbers of which the detector makes its reason in words; they are those of the alarm's begin."""
 
+SOLVER: Final = np.dtype(
+    [
+        ("accepted", "f8"),  # 1 where the result was accepted
+        ("iterations", "f8"),
+        ("primal_residual", "f8"),
+        ("dual_residual", "f8"),
+        ("status", "f8"),  # index of `ttempc.types.SOLVER_STATUSES`
+    ]
+)
+"""Record of the QP of a tick, see `SolverReport`; NaN where the controller solves none."""
+
 TICK: Final = np.dtype(
     [
         # of each input: feedforward, feedback, robust action, their sum, command, smallest and
@@ -187,7 +198,8 @@ TICK: Final = np.dtype(
         ("control", "f8", (3, 8)),
         ("tracking", "f8", 11),  # z_e (7), z_m (4); NaN: none
         ("tube", "f8", 20),  # see `TubeReport`; NaN: none
-        ("solver", "f8", 5),  # accepted, iterations, primal, dual residual, whether a fallback
+        ("solver", SOLVER),
+        ("fallback", "f8"),  # 1 where another law than the controller's own acted
         ("law", "f8"),  # why another law than the controller's own acted, a code of its own
         ("leaves_corridor", "f8"),
         ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.supervisor`

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import Final, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,16 +145,38 @@ class Command:
         return np.array([self.delta_t, self.delta_i, self.hp], dtype=float)
 
 
+SOLVER_STATUSES: Final = (
+    "closed form",  # no bound is active at the unconstrained minimiser: no solver was needed
+    "solved",
+    "solved with soft bounds",
+    "solved outside its bounds",
+    "max_iter_reached",
+    "primal_infeasible",
+    "dual_infeasible",
+    "numerics",
+    "input not finite",
+    "hessian not convex",
+    "other",
+)
+"""Words of `SolverReport.status`; the log has the index, the last one for any other word."""
+
+
 @dataclass(frozen=True, slots=True)
 class SolverReport:
     """Result of one QP solve, as reported by the solver."""
 
-    status: str  # the solver's own word, "solved" where the result was accepted
+    status: str  # one of `SOLVER_STATUSES`, or the solver's own word
     accepted: bool  # solved, finite and within its bounds
     iterations: int
     solve_time_s: float  # as measured by the solver itself; 0 where it was not needed
     primal_residual: float  # NaN where the solver reports none
-    dual_residual: float  # as above
+    dual_residual: float  # NaN where the solver reports none
+
+    @property
+    def code(self) -> int:
+        """Return the index of the status in `SOLVER_STATUSES`."""
+        known = self.status in SOLVER_STATUSES
+        return SOLVER_STATUSES.index(self.status if known else "other")
 
 
 @dataclass(frozen=True, slots=True)

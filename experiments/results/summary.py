@@ -12,13 +12,14 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ttempc.types import FloatArray
+from ttempc.types import SOLVER_STATUSES, FloatArray
 
 from ...testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
     ESTIMATE,
     REFERENCE,
+    SOLVER,
     STATE,
     TIMING,
     TOOL,
@@ -136,6 +137,19 @@ class TimingStatistics:
     qp_solve_us: Spread
     plant_step_us: Spread
     real_time_factor: float | None  # simulated time over wall-clock time
+
+
+@dataclass(frozen=True, slots=True)
+class SolverStatistics:
+    """Ticks of a controller that solves a QP, and how they were answered."""
+
+    ticks: int  # with a QP
+    needed_solver: int  # with an active bound; the others are answered in closed form
+    soft: int  # of which a soft bound was active
+    rejected: int  # without an accepted solution
+    iterations_max: int
+    primal_residual_max: float | None  # of the accepted ones; None where the solver reports none
+    dual_residual_max: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,6 +271,7 @@ class Summary(RunFacts):
     tracking: TrackingStatistics
     estimation: EstimationStatistics
     timing: TimingStatistics
+    solver: SolverStatistics | None  # None if the controller solves no QP
     inputs: InputsStatistics
     tube: TubeStatistics | None  # None if the run has no tube
     corridor: CorridorStatistics | None  # None on free ground
@@ -282,6 +297,7 @@ def summarise(record: Record, facts: RunFacts, wall_s: float | None = None) -> S
         tracking=tracking_statistics(errors),
         estimation=_estimation(record),
         timing=_timing(record, duration_s, wall_s),
+        solver=solver_statistics(record),
         inputs=input_statistics(record),
         tube=_tube(record),
         corridor=corridor_statistics(record),
@@ -366,6 +382,28 @@ def _timing(record: Record, duration_s: float, wall_s: float | None) -> TimingSt
         known = table[name][np.isfinite(table[name])]  # a tick without a QP has no QP solve time
         spreads[name] = Spread(*(_percentile(known, percent) for percent in (50.0, 99.0, 100.0)))
     return TimingStatistics(**spreads, real_time_factor=duration_s / wall_s if wall_s else None)
+
+
+def solver_statistics(record: Record) -> SolverStatistics | None:
+    """Return how the QPs of a run were answered, None where there were none."""
+    table = record[SOLVER]
+    status = table["status"]
+    has_problem = np.isfinite(status)
+    if not has_problem.any():
+        return None
+    needed = has_problem & (status != SOLVER_STATUSES.index("closed form"))
+    accepted = has_problem & (table["accepted"] == 1.0)
+    residuals = (table[name][accepted] for name in ("primal_residual", "dual_residual"))
+    primal, dual = (values[np.isfinite(values)] for values in residuals)
+    return SolverStatistics(
+        ticks=int(has_problem.sum()),
+        needed_solver=int(needed.sum()),
+        soft=int((status == SOLVER_STATUSES.index("solved with soft bounds")).sum()),
+        rejected=int((has_problem & ~accepted).sum()),
+        iterations_max=int(table["iterations"][has_problem].max()),
+        primal_residual_max=_percentile(primal, 100.0),
+        dual_residual_max=_percentile(dual, 100.0),
+    )
 
 
 def _tube(record: Record) -> TubeStatistics | None:

@@ -126,8 +126,9 @@ TUBE: Final = Channel(
 )
 SOLVER: Final = Channel(
     "/mpc/info",
-    "the QP of this tick: 1 where accepted, iterations, residuals; 1 in a fallback",
-    ("accepted", "iterations", "primal_residual", "dual_residual", "fallback"),
+    "the QP of this tick: 1 where accepted, iterations, residuals, status (0: closed form, no solver "
+    "needed; 1: solved; 2: solved with soft bounds; above: why not); 1 in a fallback",
+    ("accepted", "iterations", "primal_residual", "dual_residual", "status", "fallback"),
 )
 TIMING: Final = Channel(
     "/timing",

@@ -13,7 +13,9 @@ def exact_minimum(qp: QP) -> FloatArray:
     """Return the minimiser (n,), by Hildreth's iteration on the dual for the active set."""
     n = len(qp.gradient)
     rows = np.vstack([qp.matrix, np.eye(n), -qp.matrix, -np.eye(n)])
-    limits = np.concatenate([qp.limits[1], -qp.limits[0]])
+    limits = np.concatenate([qp.row_upper, qp.upper, -qp.row_lower, -qp.lower])
+    rows = rows[np.isfinite(limits)]
+    limits = limits[np.isfinite(limits)]
     inverse = np.linalg.inv(qp.hessian)
     # Dual: minimise 1/2 m'Dm + e'm over m >= 0, one coordinate after the other.
     dual = rows @ inverse @ rows.T
@@ -37,7 +39,11 @@ def exact_minimum(qp: QP) -> FloatArray:
 def residuals(qp: QP, x: FloatArray) -> tuple[float, float]:
     """Return the largest violation of a bound at `x` (n,), and how far it is from stationary."""
     rows = np.vstack([-qp.matrix, -np.eye(len(x)), qp.matrix, np.eye(len(x))])
-    slack, slope = qp.slack(x).ravel(), qp.hessian @ x + qp.gradient
+    values = qp.matrix @ x
+    slope = qp.hessian @ x + qp.gradient
+    below = (values - qp.row_lower, x - qp.lower)
+    above = (qp.row_upper - values, qp.upper - x)
+    slack = np.concatenate([*below, *above])
     active = slack < 1e-7  # -slope must be a sum of active rows with multipliers >= 0
     rest = nnls(rows[active].T, -slope)[1] if active.any() else np.linalg.norm(slope)
     return float(max(0.0, -slack.min())), float(rest)

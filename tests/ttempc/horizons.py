@@ -8,7 +8,8 @@ import numpy as np
 
 from ttempc.baselines.paper import PaperEquations, linearise
 from ttempc.models.linear import zero_order_hold
-from ttempc.mpc.lmpc import CondensedHorizon, HorizonTuning, plan
+from ttempc.mpc.condensing import solve_in_closed_form
+from ttempc.mpc.lmpc import CondensedHorizon, HorizonTuning
 from ttempc.mpc.qp import QP
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -33,11 +34,14 @@ def horizon() -> CondensedHorizon:
 
 
 def qp_of(horizon: CondensedHorizon, k: int, state: FloatArray, previous: FloatArray) -> QP:
-    """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
+    """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,), with its soft rows."""
     work = horizon.work()
-    work.given[:] = *state, *previous
-    plan(k, horizon.stages, work, -1)
-    return horizon.problem(k, work)
+    work.state[:] = state
+    work.previous[:] = previous
+    solve_in_closed_form(k, horizon.stages, work)
+    if len(horizon.stages.soft_penalty):
+        return horizon.softened_problem(k, work)
+    return horizon.problem(work)
 
 
 def random_qp(generator: np.random.Generator, scale: float) -> tuple[QP, FloatArray, FloatArray]:

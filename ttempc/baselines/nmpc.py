@@ -11,8 +11,8 @@ from ..errors import check_choice, check_count
 from ..laws.articulated_mpc import MpcOptions
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..mpc.articulated_error import PredictedPath, error_state, map_gains, remaining_bounds
-from ..mpc.lmpc import QP, HorizonTuning, Solver, move_bounds
-from ..mpc.qp import PersistentSolver
+from ..mpc.lmpc import HorizonTuning, Solver, move_bounds
+from ..mpc.qp import QP, CheckedSolver
 from ..reference.reference import GUIDED, Guided, Reference, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State
 from ..vehicle import Vehicle
@@ -65,9 +65,9 @@ class GaussNewton:
         iterations: int,
         damping: float = 0.0,  # tau of y + tau y' for the cross-track errors y, in periods
     ) -> None:
-        self._model, self._qp = model, PersistentSolver(tuning.solver)
+        self._model, self._qp = model, CheckedSolver(tuning.solver)
         # `prepare` has a solver of its own: a solve changes the last digits of later results.
-        self._preparing_qp = PersistentSolver(tuning.solver)
+        self._preparing_qp = CheckedSolver(tuning.solver)
         self._iterations = iterations
         self._last: tuple[Task, FloatArray] | None = None
         self._damping = damping
@@ -89,7 +89,7 @@ class GaussNewton:
         self._last = task, steps
         return self._minimise(self._qp, task, steps)
 
-    def _minimise(self, solver: PersistentSolver, task: Task, steps: FloatArray) -> Plan:
+    def _minimise(self, solver: CheckedSolver, task: Task, steps: FloatArray) -> Plan:
         cost, qp = self._linearise(task, steps)
         time_s, iteration = 0.0, 0
         while True:
@@ -135,9 +135,16 @@ class GaussNewton:
         gradient, hessian = np.empty_like(steps), np.empty_like(self._sums)
         weighted = self._damped(self._errors), self._damped(self._jacobian)
         cost = condense(*weighted, self._weight, self._step_weight, steps, hessian, gradient)
-        limits = task.bounds.limits
-        limits[:, : len(steps)] -= np.tile(task.previous, len(steps) // len(task.previous))
-        return cost, QP(hessian, gradient, self._sums, limits)
+        held = np.tile(task.previous, len(steps) // len(task.previous))
+        return cost, QP(
+            hessian=hessian,
+            gradient=gradient,
+            matrix=self._sums,
+            row_lower=task.bounds.lower - held,
+            row_upper=task.bounds.upper - held,
+            lower=task.bounds.step_lower,
+            upper=task.bounds.step_upper,
+        )
 
 
 _BODY_FIXED, _MAP_FIXED = slice(7, 12), slice(12, 16)  # disturbances in `error_state`

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..jit import cached_njit
 from ..models.augmented_state import VehicleParameter, vehicle_parameters
-from ..mpc.lmpc import StageBounds
+from ..mpc.condensing import StageBounds
 from ..types import Disturbance, FloatArray, Input, State
 from ..vehicle import Vehicle
 

@@ -200,8 +200,11 @@ def decide(
         t.tracking[i] = math.nan
     for i in range(20):
         t.tube[i] = math.nan
-    for i in range(4):
-        t.solver[i] = math.nan
+    t.solver.accepted = math.nan
+    t.solver.iterations = math.nan
+    t.solver.primal_residual = math.nan
+    t.solver.dual_residual = math.nan
+    t.solver.status = math.nan
     if math.isnan(g.finite_s):
         g.finite_s = now
     total = e.hitch_angle + e.trailer_xy[0] + e.trailer_xy[1]
@@ -212,7 +215,7 @@ def decide(
     for i in range(4):
         total += e.map_disturbance[i]
     if not (fresh and math.isfinite(total)):
-        g.error[0], t.solver[4] = math.nan, 1.0
+        g.error[0], t.fallback = math.nan, 1.0
         t.reason = NOT_FINITE if fresh else NO_ESTIMATE
         if now - g.finite_s <= safety.blind_s:
             t.mode = HOLD
@@ -258,7 +261,7 @@ def decide(
     deviation = math.sqrt(variance) if variance >= 0.0 else math.inf
     first, strongest, reaction = -1, 0.0, 0.0
     for i in range(alarms.shape[0]):
-        t.solver[4] = max(t.solver[4], 1.0 if alarms[i, 0] >= 0.0 else 0.0)
+        t.fallback = max(t.fallback, 1.0 if alarms[i, 0] >= 0.0 else 0.0)
         reaction = max(reaction, alarms[i, 0])
         if alarms[i, 0] >= _STOP_ON_PATH:
             strongest = max(strongest, alarms[i, 0])
@@ -312,7 +315,7 @@ def decide(
     t.waits = 1.0 if g.waiting != 0.0 and ahead else 0.0
     for i in range(3):
         if t.reason != 0.0 or t.jump_m != 0.0 or course.beyond[sample, i]:
-            t.solver[4] = 1.0
+            t.fallback = 1.0
     return int(t.mode)
 
 
@@ -386,7 +389,7 @@ def finish(
             beyond = not abs(wanted - (commands[0, i] if delayed else allowed)) <= _ROUNDING
             limited = told or beyond or command != allowed
             if beyond and (g.overridden == 0.0 or not math.isfinite(wanted)):
-                t.cut[i], t.solver[4] = CUT_NOT_FINITE, 1.0
+                t.cut[i], t.fallback = CUT_NOT_FINITE, 1.0
                 if math.isfinite(wanted):
                     within = limits[0, i] <= wanted <= limits[1, i]
                     t.cut[i] = CUT_RATE if within else CUT_RANGE
@@ -401,7 +404,7 @@ def finish(
     g.overridden = 1.0 if changed or not asked or t.mode == ON_PATH else 0.0
     g.began = 1.0
     if t.reason != 0.0 or t.law != 0.0:
-        t.solver[4] = 1.0
+        t.fallback = 1.0
 
 
 @contextmanager

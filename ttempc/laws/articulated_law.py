@@ -11,11 +11,12 @@ from ..jit import cached_njit, record
 from ..layout import TICK, new_tick
 from ..models.augmented_state import MAPPED
 from ..mpc.articulated_error import PredictedPath, write_error
-from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
-from ..mpc.qp import UNSOLVED
+from ..mpc.condensing import Stages, Work, solve_in_closed_form
+from ..mpc.lmpc import CondensedHorizon, LinearMpc
+from ..mpc.qp import BOUND_ACTIVE, CLOSED_FORM, CLOSED_FORM_REPORT
 from ..types import Diagnostics, FloatArray, Input, SolverReport, State, TubeReport
 from ..vehicle import Vehicle
-from .tracking_controller import FeedbackLaw, View
+from .tracking_controller import FeedbackLaw, View, write_report
 
 _N, _M = len(State), len(Input)
 NOMINAL: Final = 0
@@ -39,7 +40,7 @@ WORDS: Final = (
 
 LAW: Final = np.dtype(
     [
-        ("kind", "f8"),  # `NOMINAL`, `ONE_STEP`, `TUBE_READING`, `TUBE_MPC`
+        ("kind", "f8"),  # `NOMINAL`, `ONE_STEP`, `TUBE_MPC`
         ("wheelbase", "f8"),  # [m]
         ("time_constant", "f8"),  # of the drive [s]
         ("disturbances", "f8"),  # 1 where the MPC uses the estimated ones, else 0
@@ -97,36 +98,37 @@ _TINY: Final = 1e-30  # keeps the autocorrelation of a signal of zeros finite
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def advance(
-    k: int, model: FloatArray, state: FloatArray, inputs: FloatArray, to: FloatArray
+    k: int, stages: Stages, state: FloatArray, inputs: FloatArray, to: FloatArray
 ) -> None:
     """Write the error (7,) that follows on `state` (16,) and `inputs` (3,) of tick `k`."""
     for i in range(_N):
         total = 0.0
         for c in range(16):
-            total += model[k, i, c] * state[c]
+            total += stages.a[k, i, c] * state[c]
         for c in range(_M):
-            total += model[k, i, 16 + c] * inputs[c]
+            total += stages.b[k, i, c] * inputs[c]
         to[i] = total
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
 def robust_part(
-    k: int, law: Law, stages: Stages, memory: FloatArray, given: FloatArray, tick: FloatArray
+    k: int, law: Law, stages: Stages, memory: FloatArray, work: Work, tick: FloatArray
 ) -> None:
     """Write nominal state, deviation, action and modelling error of tick `k`.
 
-    `given` has the error (16,) and u_e(k-1) (3,), `MEMORY.previous`; it leaves with those on which
+    `Work.state` has the error (16,), `Work.previous` u_e(k-1) (3,); they leave with those on which
     the MPC acts. Each action but an ancillary one is multiplied by its lag-one autocorrelation
     within [0, 1]: `MEMORY.correlation` holds the previous one and the averages of product and
     power, of which older ones weigh less by the factor `LAW.forgetting` with each tick.
     """
     constants, gains = record(law.constants, LAW), record(law.points[k], POINT).gains
+    given = work.state
     s, t = record(memory, MEMORY), record(tick, TICK)
     nominal, deviation, action, feedback = s.nominal, s.deviation, s.action, s.feedback
     kind, seen, modelling, outputs = constants.kind, s.correlation, t.tracking, stages.outputs
     started = s.last == k - 1
     if started and kind == ONE_STEP:
-        advance(k - 1, stages.model, s.state, s.previous, nominal)
+        advance(k - 1, stages, s.state, s.previous, nominal)
     coming = s.coming
     for i in range(_N):
         if not started:
@@ -140,7 +142,7 @@ def robust_part(
             total += gains[i, j] * deviation[j]
         action[i] = total
         if kind == TUBE_MPC:
-            given[16 + i] = feedback[i]
+            work.previous[i] = feedback[i]
     gauge = 0.0
     if law.faces.shape[0]:
         gauge = report_tube(k, law, outputs, nominal, deviation, t.tube)
@@ -201,17 +203,18 @@ def propose(
     sent: FloatArray,
     law: Law,
     stages: Stages,
+    work: Work,
     memory: FloatArray,
-    given: FloatArray,
     tick: FloatArray,
 ) -> None:
-    """Write the error on which the MPC acts at tick `k` and its previous input into `given`.
+    """Write the error on which the MPC acts at tick `k` and its previous input into `work`.
 
     The robust action, where there is one, goes into `MEMORY.action`, and what it finds into the
-    record `tick`. `plan` and `conclude` come next. `estimate` is a finite record `ESTIMATE`, `sent`
-    the command of the previous period (3,).
+    record `tick`. `solve_in_closed_form` and `conclude` come next. `estimate` is a finite record
+    `ESTIMATE`, `sent` the command of the previous period (3,).
     """
     s, t, constants = record(memory, MEMORY), record(tick, TICK), record(law.constants, LAW)
+    given = work.state
     modelling, tube, action, previous = t.tracking, t.tube, s.action, s.previous
     at, wheelbase, tau = k + int(s.beyond), constants.wheelbase, constants.time_constant
     write_error(law.course[at], estimate, wheelbase, tau, given)
@@ -222,13 +225,13 @@ def propose(
     for i in range(20):
         tube[i] = math.nan
     for i in range(_M):
-        given[16 + i] = previous[i] = law.course[max(at - 1, 0), _N + i] - sent[i]
+        work.previous[i] = previous[i] = law.course[max(at - 1, 0), _N + i] - sent[i]
         action[i] = 0.0
     s.fallback = 0.0
     if constants.kind != NOMINAL:
-        robust_part(k, law, stages, memory, given, tick)
+        robust_part(k, law, stages, memory, work, tick)
     for i in range(_M):
-        previous[i] = given[16 + i]
+        previous[i] = work.previous[i]
     reach, shift, across = constants.reach, s.shift, 0.0
     if reach[0] > 0.0:
         for i in range(stages.outputs.shape[2]):
@@ -255,36 +258,42 @@ def conclude(
     now. ubar_j are the planned inputs; after a first input that the robust action has moved away
     they approach the plan at the rate that the tightening leaves, and K m saturates at its reserve.
 
-    The `outcome` is that of `plan`; below 0 the record has the report of a solver.
+    The `outcome` is that of `solve_in_closed_form`; where it is another one than `CLOSED_FORM`, the
+    record has the report of the solver.
     """
     s, t, point = record(memory, MEMORY), record(tick, TICK), record(law.points[k], POINT)
     solver, action, feedback, ancillary = t.solver, s.action, s.feedback, point.ancillary
     plan_state, plan_input, state, control = s.plan_state, s.plan_input, s.state, t.control
     coming, previous, feedforward = s.coming, s.previous, law.course[k + int(s.beyond), _N:]
-    given, steps, kept, limits = work.given, work.steps, work.kept, stages.limits
-    if outcome >= 0:
-        solver[0], solver[1], solver[2], solver[3] = 1.0, outcome, 0.0, 0.0
+    given, steps, bounds = work.state, work.steps, stages.bounds
+    if outcome == CLOSED_FORM:
+        solver.accepted = 1.0
+        solver.iterations = 0.0
+        solver.primal_residual = 0.0
+        solver.dual_residual = 0.0
+        solver.status = 0.0
     for i in range(2):  # back to the true error
         given[i] += s.shift[i]
         for j in range(work.free.shape[0]):
             work.free[j, i] += s.shift[i]
-    size, accepted, backed = steps.size, solver[0] == 1.0, law.reserve.shape[0] > 0
+    size, accepted, backed = steps.size, solver.accepted == 1.0, law.reserve.shape[0] > 0
     made = int(s.made)
     stage = k - made
     for i in range(_M):
-        feedback[i] = min(max(given[16 + i] + steps[i], limits[k, 0, i]), limits[k, 1, i])
+        feedback[i] = work.previous[i] + steps[i]
+        feedback[i] = min(max(feedback[i], bounds.lower[k, i]), bounds.upper[k, i])
     if not accepted:
         s.fallback = HELD
     if backed and not accepted and s.planned == k - 1 and stage < law.reserve.shape[0]:
         s.fallback, s.planned = KEPT, k
-        advance(k - 1, stages.model, plan_state, plan_input, coming)
+        advance(k - 1, stages, plan_state, plan_input, coming)
         first = _M * min(stage, size // _M - 1)
         for i in range(_M):
-            planned, total, share = kept[i], 0.0, law.reserve[stage, k, i]
+            planned, total, share = work.backup_previous[i], 0.0, law.reserve[stage, k, i]
             for j in range(i, first + i + 1, _M):
-                planned += kept[_M + j]
-            low = plan_input[i] + limits[made, 0, size + first + i]
-            high = plan_input[i] + limits[made, 1, size + first + i]
+                planned += work.backup_steps[j]
+            low = plan_input[i] + bounds.step_lower[made, first + i]
+            high = plan_input[i] + bounds.step_upper[made, first + i]
             plan_input[i] = feedback[i] = min(max(planned, low), high)
             for j in range(_N):
                 total += ancillary[i, j] * (given[j] - coming[j])
@@ -294,23 +303,24 @@ def conclude(
     for i in range(_M):
         total = feedback[i] - action[i]
         if backed:
-            low = max(limits[k, 0, i], previous[i] + limits[k, 0, size + i])
-            high = min(limits[k, 1, i], previous[i] + limits[k, 1, size + i])
+            low = max(bounds.lower[k, i], previous[i] + bounds.step_lower[k, i])
+            high = min(bounds.upper[k, i], previous[i] + bounds.step_upper[k, i])
             total = max(min(total, high), low)
             action[i] = feedback[i] - total
         if accepted:
-            plan_input[i], kept[i] = total, given[16 + i]
+            plan_input[i] = total
+            work.backup_previous[i] = work.previous[i]
         control[i, 0], control[i, 1], control[i, 2] = feedforward[i], -feedback[i], action[i]
     if accepted:
         s.made = s.planned = k
         for i in range(size):
-            kept[_M + i] = steps[i]
+            work.backup_steps[i] = steps[i]
     for i in range(16):
         state[i] = given[i]
         if accepted:
             plan_state[i] = given[i]
     s.last, t.law = k, s.fallback
-    advance(k, stages.model, state, feedback, coming)
+    advance(k, stages, state, feedback, coming)
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -323,15 +333,14 @@ def _drive(
     work: Work,
     memory: FloatArray,
     tick: FloatArray,
-    most: int,
 ) -> int:
-    """Propose, plan, and conclude where no solver is needed, in one call; return `plan`'s result.
+    """Propose, solve, and conclude where no solver is needed, in one call; return the outcome.
 
     Three calls would hand over each array of `law`, `stages` and `work` three times.
     """
-    propose(k, row, sent, law, stages, memory, work.given, tick)
-    outcome = plan(k, stages, work, most)
-    if outcome >= 0:
+    propose(k, row, sent, law, stages, work, memory, tick)
+    outcome = solve_in_closed_form(k, stages, work)
+    if outcome == CLOSED_FORM:
         conclude(k, outcome, law, stages, work, memory, tick)
     return outcome
 
@@ -365,7 +374,7 @@ class ArticulatedLaw(FeedbackLaw):
         if isinstance(previous, ArticulatedLaw):
             mine, other = self._memory.view(MEMORY)[0], previous._memory.view(MEMORY)[0]
             mine["correlation"], mine["feedback"] = other["correlation"], other["feedback"]
-            self.mpc.work.entering[:] = previous.mpc.work.entering
+            self.mpc.work.acquiring[:] = previous.mpc.work.acquiring
             self.field = previous.field
 
     def act(self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray) -> None:
@@ -386,26 +395,25 @@ class ArticulatedLaw(FeedbackLaw):
     def prepare(self, k: int) -> None:
         """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
-            self.mpc.beside.entering[:] = self.mpc.work.entering
-            self._drive(k - self._beyond, self.mpc.beside, self._memory.copy(), new_tick())
+            self.mpc.preparing.acquiring[:] = self.mpc.work.acquiring
+            self._drive(k - self._beyond, self.mpc.preparing, self._memory.copy(), new_tick())
 
     def warm_up(self) -> None:
         """Solve the problem of the last step by the solver, which takes milliseconds at first."""
-        self.mpc.answer(int(self.mpc.work.tick[0]), UNSOLVED)
+        self.mpc.complete(int(self.mpc.work.tick[0]), BOUND_ACTIVE)
 
     def _drive(self, k: int, work: Work, memory: FloatArray, tick: FloatArray) -> None:
         law, stages, (row, sent) = self.law, self.mpc.horizon.stages, self._last
         if self.field is not None:  # -E (s(k + j) - s(k)), see `error_dynamics`
             ahead = self.field.ahead(k + self._beyond, len(work.preview))[..., None]
-            by_slips = stages.model[k : k + len(ahead), :, _N : _N + MAPPED]
+            by_slips = stages.a[k : k + len(ahead), :, _N : _N + MAPPED]
             work.preview[:] = (by_slips @ ahead)[..., 0]
-        outcome = _drive(k, row, sent, law, stages, work, memory, tick, self.mpc.most)
-        if outcome < 0 and work is self.mpc.work:
-            self.report, excess = self.mpc.answer(k, outcome)
-            report, record = self.report, tick.view(TICK)[0]
-            residuals = report.primal_residual, report.dual_residual
-            record["solver"][:4] = report.accepted, report.iterations, *residuals
-            record["leaves_corridor"] = excess is not None and bool((excess > _EXCESS).any())
+        outcome = _drive(k, row, sent, law, stages, work, memory, tick)
+        if outcome != CLOSED_FORM and work is self.mpc.work:
+            self.report, excess = self.mpc.complete(k, outcome)
+            write_report(self.report, tick)
+            leaves_corridor = excess is not None and bool((excess > _EXCESS).any())
+            tick.view(TICK)[0]["leaves_corridor"] = leaves_corridor
             conclude(k, outcome, law, stages, work, memory, tick)
 
     def predicted_path(self, k: int) -> FloatArray:
@@ -415,7 +423,7 @@ class ArticulatedLaw(FeedbackLaw):
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""
         t = tick.view(TICK)[0]
-        report = self.report or SolverReport("solved", True, int(t["solver"][1]), 0.0, 0.0, 0.0)
+        report = self.report or CLOSED_FORM_REPORT
         modelling, tube = t["tracking"][7:], t["tube"]
         return Diagnostics(
             feedback=t["control"][:, 1].copy(),

@@ -77,6 +77,16 @@ class FeedbackLaw:
         """Run, after a step, the code that a later one may need besides; on a copy of the law."""
 
 
+def write_report(report: SolverReport, tick: FloatArray) -> None:
+    """Write the report of a QP into the record `TICK`."""
+    solver = tick.view(TICK)[0]["solver"]
+    solver["accepted"] = report.accepted
+    solver["iterations"] = report.iterations
+    solver["primal_residual"] = report.primal_residual
+    solver["dual_residual"] = report.dual_residual
+    solver["status"] = report.code
+
+
 def write_told(told: Diagnostics, tick: FloatArray) -> None:
     """Write the numbers of a controller's diagnostics into the record `TICK`."""
     t = tick.view(TICK)[0]
@@ -87,8 +97,7 @@ def write_told(told: Diagnostics, tick: FloatArray) -> None:
     if tube is not None:
         t["tube"] = (tube.inside, tube.margin, *tube.nominal, *tube.half_width)
     if solver is not None:
-        residuals = solver.primal_residual, solver.dual_residual
-        t["solver"][:4] = (solver.accepted, solver.iterations, *residuals)
+        write_report(solver, tick)
     t["leaves_corridor"], t["law"] = told.leaves_corridor, -1.0 if told.fallback else 0.0
 
 

@@ -20,7 +20,8 @@ from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Shared, State
 from ..vehicle import CommandLimits, Vehicle
-from .lmpc import OutputBounds, StageBounds, Work
+from .condensing import StageBounds, Work
+from .lmpc import OutputBounds
 from .qp import PENALTY
 
 

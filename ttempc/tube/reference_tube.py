@@ -10,7 +10,8 @@ import numpy as np
 
 from ..errors import InvalidTube
 from ..mpc.articulated_error import HITCH, error_dynamics, remaining_bounds
-from ..mpc.lmpc import HorizonTuning, StageBounds, stage_bounds
+from ..mpc.condensing import StageBounds
+from ..mpc.lmpc import HorizonTuning, stage_bounds
 from ..reference.reference import Reference, exact_feedforward
 from ..types import FloatArray, Input, State
 from ..vehicle import OF_TOOL, CommandLimits, Vehicle

@@ -15,8 +15,7 @@ from ttempc.estimation.filter import first_state
 from ttempc.estimation.noise import SensorNoise
 from ttempc.models.augmented_state import LENGTH
 from ttempc.models.kinematics import wrap_angle
-from ttempc.mpc.lmpc import QP
-from ttempc.mpc.qp import PersistentSolver
+from ttempc.mpc.qp import QP, CheckedSolver
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -62,7 +61,7 @@ class Estimator:
         self._vehicle = vehicle
         self._noise = sensor_noise or SensorNoise()
         self._parameters = printed_parameters(vehicle)
-        self._qp = PersistentSolver()
+        self._qp = CheckedSolver()
         self._readings: dict[Sensor, Measurement] = {}  # the newest of each sensor
         self._time_s = math.nan
         # Padded at the front with periods of no length and outputs without weight.
@@ -161,11 +160,21 @@ class Estimator:
         offset = self._prior - self._first
         gradient = -np.einsum("kj,kji->i", weighted, slopes)
         gradient -= np.linalg.solve(self._covariance, offset)
-        # [m], [rad], [m/s]: no bound on the state; its row has one twice as far
-        limits = np.outer([-1e3, 1e3], np.repeat([2.0, 1.0], _SIZE))
-        limits[0, _SIZE + STATES :] = FACTOR_MIN - self._first[STATES:]
-        limits[1, _SIZE + STATES :] = FACTOR_MAX - self._first[STATES:]
-        change = self._qp.solve(QP(self._information(jacobian), gradient, np.eye(_SIZE), limits)).x
+        # [m], [rad], [m/s]: no bound on the state
+        lower = np.full(_SIZE, -1e3)
+        upper = np.full(_SIZE, 1e3)
+        lower[STATES:] = FACTOR_MIN - self._first[STATES:]
+        upper[STATES:] = FACTOR_MAX - self._first[STATES:]
+        problem = QP(
+            hessian=self._information(jacobian),
+            gradient=gradient,
+            matrix=np.empty((0, _SIZE)),
+            row_lower=np.empty(0),
+            row_upper=np.empty(0),
+            lower=lower,
+            upper=upper,
+        )
+        change = self._qp.solve(problem).x
         if change is not None:
             self._first = self._first + change
 

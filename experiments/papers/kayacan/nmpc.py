@@ -20,7 +20,8 @@ from ttempc.errors import InvalidReference, check_positive
 from ttempc.guidance.controllers import parse_options
 from ttempc.laws.tracking_controller import FeedbackLaw, TrackingController
 from ttempc.mpc.articulated_error import rotation
-from ttempc.mpc.lmpc import HorizonTuning, StageBounds
+from ttempc.mpc.condensing import StageBounds
+from ttempc.mpc.lmpc import HorizonTuning
 from ttempc.reference.path import Projection
 from ttempc.reference.reference import Reference
 from ttempc.types import Diagnostics, Estimate, FloatArray, Input

@@ -22,6 +22,7 @@ from ....testbed.recording.channels import (
     TYRES,
 )
 from ....testbed.recording.record import Record, Table, fault_spans
+from ...results.summary import solver_statistics
 from ...results.tracking_errors import (
     BODIES,
     BodyError,
@@ -312,19 +313,28 @@ def timing_figure(record: Record) -> Figure:
     for axes, (field, title) in zip(figure.subplots(2, 2).flat, _TIMES, strict=True):
         cost_us = record[TIMING][field]
         known = np.isfinite(cost_us)
-        # A QP whose unconstrained minimiser is within all bounds is accepted without a solve.
-        if field == "qp_solve_us" and known.any() and not known.all():
-            title += f", {known.sum()} of {len(known)} ticks"
+        empty = "not recorded"
+        if field == "qp_solve_us":
+            empty = _solver_use(record)
+            title += f": {empty}"
         dress(axes, "wall-clock time [µs]", "control periods", title)
-        histogram(axes, cost_us[known & (cost_us > 0.0)])
+        histogram(axes, cost_us[known & (cost_us > 0.0)], empty)
     return figure
 
 
-def histogram(axes: Axes, cost_us: FloatArray) -> None:
-    """Draw the distribution of times [µs] with median, 99 % and maximum."""
+def _solver_use(record: Record) -> str:
+    """Return in how many ticks the QP needed the solver, in words."""
+    solver = solver_statistics(record)
+    if solver is None:
+        return "the controller solves no QP"
+    return f"{solver.needed_solver} of {solver.ticks} ticks needed the solver"
+
+
+def histogram(axes: Axes, cost_us: FloatArray, empty: str = "not recorded") -> None:
+    """Draw the distribution of times [µs] with median, 99 % and maximum; `empty` without any."""
     if len(cost_us) < _FEWEST:
         times = ", ".join(f"{time:.0f}" for time in cost_us)
-        text = f"{times} µs: too few to draw" if times else "not recorded"
+        text = f"{times} µs: too few to draw" if times else empty
         note(axes, 0.5, 0.5, text, ha="center", color=GREY)
         axes.set(xticks=[], yticks=[])
         return

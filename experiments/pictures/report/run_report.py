@@ -23,6 +23,8 @@ _FACTS: Final = {
     "real-time factor": "{s.timing.real_time_factor:.1f}",
     "control step": _SPREAD.format("{s.timing.control_step_us"),
     "QP solve": _SPREAD.format("{s.timing.qp_solve_us"),
+    "QP answers": "{s.solver.needed_solver} of {s.solver.ticks} ticks needed the solver, "
+    "{s.solver.soft} with soft bounds; {s.solver.rejected} without a solution",
     "estimator": _SPREAD.format("{s.timing.estimator_us"),
     "physics step": _SPREAD.format("{s.timing.plant_step_us"),
     "estimation error": "tractor {s.estimation.tractor.mean_euclidean_m:.3f} m, "

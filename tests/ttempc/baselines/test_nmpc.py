@@ -68,9 +68,16 @@ class Checking(GaussNewton):
             return np.array([np.sum(self._weight * errors**2) + self._step_weight @ given**2])
 
         (slope,) = central_differences(cost, plan.steps)
-        limits = task.bounds.limits
-        limits[:, : len(steps)] -= np.tile(task.previous, len(steps) // len(task.previous))
-        linear = QP(np.zeros((len(steps), len(steps))), slope, self._sums, limits)
+        held = np.tile(task.previous, len(steps) // len(task.previous))
+        linear = QP(
+            hessian=np.zeros((len(steps), len(steps))),
+            gradient=slope,
+            matrix=self._sums,
+            row_lower=task.bounds.lower - held,
+            row_upper=task.bounds.upper - held,
+            lower=task.bounds.step_lower,
+            upper=task.bounds.step_upper,
+        )
         primal, stationarity = residuals(linear, plan.steps)
         assert primal < 1e-9
         assert stationarity < 1e-5

@@ -19,7 +19,7 @@ from ttempc.baselines.nmpc_model import (
 from ttempc.errors import MissingPackage
 from ttempc.guidance.controllers import make_controller
 from ttempc.models.augmented_state import vehicle_parameters
-from ttempc.mpc.lmpc import StageBounds
+from ttempc.mpc.condensing import StageBounds
 from ttempc.mpc.qp import QP
 from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -91,7 +91,9 @@ def test_the_condensed_qp_has_the_cost_of_the_linearised_outputs():
         outputs = errors + jacobian @ (steps - at)
         return np.sum(weight * outputs**2) + np.sum(step_weight * steps**2)
 
-    qp = QP(hessian, gradient, np.empty((0, 6)), np.empty((2, 6)))
+    nothing = np.empty(0)
+    free = np.full(6, np.inf)
+    qp = QP(hessian, gradient, np.empty((0, 6)), nothing, nothing, -free, free)
     assert cost == pytest.approx(linearised(at), rel=1e-12)
     descent = qp.objective(at) - qp.objective(other)
     assert descent == pytest.approx(linearised(at) - linearised(other), rel=1e-10)

@@ -51,7 +51,8 @@ class RobustPart:
 
     def __init__(self, tuning):
         a, b, c = model()
-        self.stages = CondensedHorizon(a, b, MpcOptions(), PERIOD_S, c).stages
+        self.horizon = CondensedHorizon(a, b, MpcOptions(), PERIOD_S, c)
+        self.stages = self.horizon.stages
         self.law = law_of(
             ONE_STEP,
             np.zeros((TICKS, 7)),
@@ -68,16 +69,19 @@ class RobustPart:
 
     def step(self, k, error, previous):
         """Return action, modelling error, and the error on which the MPC acts."""
-        given, tick = np.concatenate([error, previous]), new_tick()
+        work = self.horizon.work()
+        work.state[:] = error
+        work.previous[:] = previous
+        tick = new_tick()
         self.record["fallback"], self.record["previous"] = 0.0, previous
-        robust_part(k, self.law, self.stages, self.memory, given, tick)
+        robust_part(k, self.law, self.stages, self.memory, work, tick)
         modelling_error = tick.view(TICK)[0]["tracking"][7:]
-        return self.record["action"].copy(), modelling_error, given[:SIZE]
+        return self.record["action"].copy(), modelling_error, work.state
 
     def sent(self, k, mpc_state, feedback):
         record = self.record
         record["last"], record["state"], record["feedback"] = k, mpc_state, feedback
-        record["coming"] = self.stages.model[k] @ np.concatenate([mpc_state, feedback])
+        record["coming"] = self.stages.a[k] @ mpc_state + self.stages.b[k] @ feedback
 
 
 def test_action_stays_within_its_authority():

@@ -7,10 +7,12 @@ import pytest
 
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, admissible, along
 from ttempc.guidance.controllers import make_controller
+from ttempc.laws import articulated_law
 from ttempc.laws.articulated_mpc import ArticulatedOptions
 from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.mpc.articulated_error import HITCH, rotation
-from ttempc.mpc.qp import MOST_SETS, PersistentSolver, QPSolution
+from ttempc.mpc.condensing import solve_in_closed_form
+from ttempc.mpc.qp import BOUND_ACTIVE, CheckedSolver, QPSolution
 from ttempc.tube.reference_tube import steered_system
 from ttempc.types import Disturbance, Estimate, MapDisturbance, SolverReport, State
 from ttempc.vehicle import CommandLimits
@@ -113,10 +115,19 @@ def test_no_admissible_disturbance_moves_the_hitch_angle_beyond_its_spread():
             assert worst > 0.99 * SPREAD[j, k]
 
 
-def controller(most=MOST_SETS):
-    made = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN)
-    made.feedback.mpc.most = most
-    return made
+def controller():
+    return make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN)
+
+
+def leave_every_problem_to_the_solver(monkeypatch):
+    """As if a bound were active at every tick."""
+
+    def drive(k, row, sent, law, stages, work, memory, tick):
+        articulated_law.propose(k, row, sent, law, stages, work, memory, tick)
+        solve_in_closed_form(k, stages, work)
+        return BOUND_ACTIVE
+
+    monkeypatch.setattr(articulated_law, "_drive", drive)
 
 
 def test_its_commands_are_never_cut_by_the_limits_however_it_is_disturbed():
@@ -137,10 +148,12 @@ def test_robust_law_and_tube_are_switched_on_and_off_apart(robust, tube):
     options = {"robust": robust, "tube": tube}
     made = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN, options)
     plain = make_controller("ttempc-nominal", VEHICLE, REFERENCE, PERIOD_S)
-    tightened, whole = (each.feedback.mpc.horizon.stages.limits for each in (made, plain))
-    last = tightened.shape[2] // 2 - 2  # trailer steering of the last free stage
-    wider = np.diff(whole[150, :, last]) - np.diff(tightened[150, :, last])
-    assert (wider > np.radians(1.0)) == tube
+    last = -2  # trailer steering of the last free stage
+    ranges = []
+    for each in (made, plain):
+        bounds = each.feedback.mpc.horizon.stages.bounds
+        ranges.append(bounds.upper[150, last] - bounds.lower[150, last])
+    assert (ranges[1] - ranges[0] > np.radians(1.0)) == tube
     assert (len(made.feedback.law.reserve) > 0) == tube
 
     residuals = np.zeros((60, 7))
@@ -156,17 +169,18 @@ def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monke
     """What the later disturbances add obeys A + B K, and no limit cuts the inputs."""
     generator, fails = np.random.default_rng(92), 60
     run = admissible(WINDOW, TICKS_KEPT_PLAN, generator)
-    solve = PersistentSolver.solve_bounded
+    solve = CheckedSolver.solve_bounded
+    leave_every_problem_to_the_solver(monkeypatch)
 
     def drive_failing(disturbances):
         calls = iter(range(TICKS_KEPT_PLAN))
         monkeypatch.setattr(
-            PersistentSolver,
+            CheckedSolver,
             "solve_bounded",
             lambda solver, qp: solve(solver, qp) if next(calls) < fails else FAILED,
         )
         start = np.array([0.3, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-        return drive(disturbances, NONE, controller(most=-1), start)
+        return drive(disturbances, NONE, controller(), start)
 
     ticks = fails + stages
     until = np.where(np.arange(ticks)[:, None] < fails, run[:ticks], 0.0)
@@ -182,6 +196,7 @@ def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monke
 
 
 def test_without_a_plan_or_beyond_its_horizon_the_previous_feedback_is_held(monkeypatch):
-    monkeypatch.setattr(PersistentSolver, "solve_bounded", lambda solver, qp: FAILED)
-    _, _, diagnostics = drive(np.zeros((3, 7)), follower=controller(most=-1))
+    leave_every_problem_to_the_solver(monkeypatch)
+    monkeypatch.setattr(CheckedSolver, "solve_bounded", lambda solver, qp: FAILED)
+    _, _, diagnostics = drive(np.zeros((3, 7)), follower=controller())
     assert all("previous feedback held" in d.fallback for d in diagnostics)

@@ -22,8 +22,9 @@ from tests.ttempc.tubes import (
 from ttempc.errors import InvalidTube
 from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics, remaining_bounds
-from ttempc.mpc.lmpc import CondensedHorizon, StageBounds
-from ttempc.mpc.qp import PersistentSolver
+from ttempc.mpc.condensing import StageBounds
+from ttempc.mpc.lmpc import CondensedHorizon
+from ttempc.mpc.qp import CheckedSolver
 from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
 from ttempc.tube.reference_tube import (
     GrowingTube,
@@ -120,7 +121,7 @@ def test_planned_inputs_and_ancillary_action_keep_to_the_limits_at_every_stage()
 
 def test_every_qp_after_a_feasible_one_is_feasible_whatever_the_disturbances():
     horizon = CondensedHorizon(A, B, OPTIONS, PERIOD_S, C, free_bounds=TUBE.bounds)
-    generator, solver, u = np.random.default_rng(82), PersistentSolver(), np.zeros(3)
+    generator, solver, u = np.random.default_rng(82), CheckedSolver(), np.zeros(3)
     at_bound = 0
     for k in range(horizon.ticks):
         error = generator.normal(size=7) * [3, 3, 0.5, 0.5, 0.1, 0.1, 0.5]
