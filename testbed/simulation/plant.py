@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
 import numpy as np
@@ -27,7 +27,6 @@ from ..ground.soil import SoilMap
 from ..ground.terrain import Terrain
 from ..implement.implement import Implement
 from ..implement.mounted import MountedImplement, draw_implement, frame_height
-from ..messages.scenery import Scenery, shapes_of
 from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Moments, Truth
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
@@ -39,6 +38,9 @@ from ..wheels.tyre_kernel import Output
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, SoilWheels, wheel_model
 from .compiled_steps import compiled_steps
 from .moment import moment_arguments, write_moment
+
+if TYPE_CHECKING:
+    from ..messages.scenery import Scenery
 
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -205,8 +207,11 @@ class Plant:
         return self._level[1]
 
     @property
-    def scenery(self) -> Scenery:
+    def scenery(self) -> "Scenery":
         """Static data for viewers."""
+        # Imported here so that a run that nobody watches loads no messages.
+        from ..messages.scenery import Scenery, shapes_of
+
         return Scenery(self.body_names, self.ground, shapes_of(self._level[0], self.ground))
 
     def drawn_model(self) -> mujoco.MjModel:
