@@ -45,10 +45,6 @@ class InvalidFilm(ExperimentError):
     """The log or the options allow no film or picture. The message names the allowed values."""
 
 
-class NoGraphics(ExperimentError):
-    """Off-screen rendering is unavailable. The message names the packages to install."""
-
-
 class NotComparable(ExperimentError):
     """The runs do not share one reference or are unusable for a comparison."""
 

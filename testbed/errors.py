@@ -42,3 +42,7 @@ class LiveError(TestbedError):
 
 class WindowClosed(TestbedError):
     """The user closed the window of an interactive run."""
+
+
+class NoGraphics(TestbedError):
+    """Off-screen rendering is unavailable. The message names the packages to install."""

@@ -9,6 +9,7 @@ import contextlib
 import io
 import re
 import shlex
+import socket
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -16,6 +17,7 @@ from types import ModuleType, SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from proving_ground.experiments.commands import drive
 from proving_ground.experiments.commands.cli import main
 
 from ttempc import Vehicle, straight
@@ -72,10 +74,22 @@ def assert_same_text(output, expected):
     assert numbers(output) == pytest.approx(numbers(expected), abs=0.1)
 
 
+@pytest.fixture
+def free_port(monkeypatch):
+    """A free UDP port in the place of the default one of `serve`, which may be taken."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        port = link.getsockname()[1]
+    monkeypatch.setitem(drive._PORTS, "json", port)
+    return str(port)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_the_examples_of_a_page_run(page, tmp_path):
-    names, output = {"__name__": "__main__"}, ""
-    for language, code in BLOCK.findall(page.read_text()):
+def test_the_examples_of_a_page_run(page, tmp_path, free_port):
+    text = page.read_text().replace("8890", free_port)
+    names = {"__name__": "__main__"}
+    output = ""
+    for language, code in BLOCK.findall(text):
         file = FILE.match(code)
         if file:
             (tmp_path / file[1]).write_text(code)

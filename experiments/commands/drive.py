@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from ..errors import NoGraphics
+from ...testbed.errors import NoGraphics
 from ..output import make_folder, progress, write_file
 from ..run.warm_up import compile_in_two_processes
 from . import options
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ...testbed.messages.scenery import Scenery
     from ...testbed.viewers.live import LiveView
     from ..run.assembly import Assembly
-    from ..run.simulate import Finished
+    from ..run.run_folder import Finished
     from ..scenario.scenario import Scenario
 
 _DEMO_S: Final = 20.0
@@ -74,19 +74,23 @@ def run(arguments: argparse.Namespace) -> int:
     compile_in_two_processes(arguments)
     if arguments.view:
         return _view(arguments, scenario)
-    # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..run.simulate import run
+    # Imported here so that --help does not load MuJoCo.
+    from ..run.run_folder import Recording, run
 
+    recording = Recording(
+        record_hz=arguments.record_rate,
+        watch=_live_view(arguments, name) if arguments.live else None,
+        shown=not arguments.quiet,
+    )
     stem = f"{name}-{scenario.controller.name.replace(':', '-')}-{arguments.seed}"
     finished = run(
         name,
         scenario,
         arguments.seed,
         arguments.out or options.unused_path(Path("runs"), stem),
-        record_hz=arguments.record_rate,
-        watch=_live_view(arguments, name) if arguments.live else None,
-        shown=not arguments.quiet,
+        recording=recording,
     )
+    finished = _with_page(finished)
     if arguments.json:
         print(finished.summary.to_json().rstrip())
     elif not arguments.quiet:
@@ -110,7 +114,7 @@ def demo(arguments: argparse.Namespace) -> int:
     from ..pictures.film.render import Film
     from ..pictures.film.settings import Camera, FilmSettings
     from ..run.assembly import assemble
-    from ..run.simulate import run
+    from ..run.run_folder import Recording, run
 
     def first_seconds(
         scenario: Scenario, seed: int, factory: Callable[..., object] | None
@@ -122,7 +126,9 @@ def demo(arguments: argparse.Namespace) -> int:
     name, scenario = options.load_scenario(arguments)
     compile_in_two_processes(arguments)
     folder = arguments.out or options.unused_path(Path("runs"), f"demo-{name}")
-    finished = run(name, scenario, arguments.seed, folder, shown=True, make=first_seconds)
+    shown = Recording(shown=True)
+    finished = run(name, scenario, arguments.seed, folder, make=first_seconds, recording=shown)
+    finished = _with_page(finished)
     log, file = finished.files["log"], folder / "film.webp"
 
     def write(camera: Camera) -> None:
@@ -174,6 +180,14 @@ def _live_view(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], 
         return view
 
     return open_view
+
+
+def _with_page(finished: Finished) -> Finished:
+    """Write page and figures of a run."""
+    # Imported here, because matplotlib takes a second to load: a run starts without it.
+    from ..pictures.report.run_page import write_page
+
+    return write_page(finished)
 
 
 def _print(finished: Finished, **further: Path) -> None:
@@ -275,8 +289,10 @@ def serve(arguments: argparse.Namespace) -> int:
             reach = f"with the address {text_of(peer)}" if peer else "who reaches it"
             _say(f"everyone {reach} may drive: UDP has neither password nor encryption")
         protocol = PROTOCOLS[arguments.protocol]()
-        asked = name, scenario, arguments.seed, folder, link, protocol, settings
-        finished, totals = serve(*asked, _say)
+        finished, totals = serve(
+            name, scenario, arguments.seed, folder, link, protocol, settings, _say
+        )
+    finished = _with_page(finished)
     print(totals)
     _print(finished)
     return 0 if finished.summary.status == "completed" else options.EXIT_LOST

@@ -13,7 +13,7 @@ from ..errors import InvalidReplay
 from ..pictures.figures import draw
 from ..pictures.report.run_report import render_run_report
 from ..results.summary import RunFacts, Status, summarise
-from ..run.simulate import BEGINS, ENDS, versions_of
+from ..run.run_log import BEGINS, ENDS, versions_of
 from ..scenario.scenario import ScenarioFile, identity
 
 _SCENARIO: Final = "scenario.toml"

@@ -42,7 +42,8 @@ from ...testbed.simulation.loop import STAGES
 from ...testbed.simulation.plant import Plant
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..run.assembly import assemble
-from ..run.simulate import describe, drive_into, open_log
+from ..run.run_log import describe, open_log
+from ..run.simulate import drive_into
 from ..scenario.scenario import load
 from ..studies.sweep.engine import engine
 from ..studies.sweep.folder import Origin, SweepFolder

@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING
 from ttempc import __version__
 
 if TYPE_CHECKING:
-    from .experiments.run.simulate import run, simulate
+    from .experiments.pictures.report.run_page import write_page
+    from .experiments.run.run_folder import run
+    from .experiments.run.simulate import simulate
     from .experiments.scenario.scenario import Scenario, load
     from .experiments.studies.sweep.engine import engine
     from .experiments.studies.sweep.sweep import drive_points
@@ -40,6 +42,7 @@ __all__ = [
     "read_log",
     "run",
     "simulate",
+    "write_page",
 ]
 
 _MODULE_OF = {
@@ -49,8 +52,9 @@ _MODULE_OF = {
     "engine": "experiments.studies.sweep.engine",
     "load": "experiments.scenario.scenario",
     "read_log": "testbed.log.reader",
-    "run": "experiments.run.simulate",
+    "run": "experiments.run.run_folder",
     "simulate": "experiments.run.simulate",
+    "write_page": "experiments.pictures.report.run_page",
 }
 
 

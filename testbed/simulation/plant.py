@@ -7,7 +7,7 @@ import math
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
 import numpy as np
@@ -21,7 +21,6 @@ from ..ground.soil import SoilMap
 from ..ground.terrain import Terrain
 from ..implement.implement import Implement
 from ..implement.mounted import MountedImplement, draw_implement, frame_height
-from ..messages.scenery import Scenery, shapes_of
 from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Truth, TruthBlock, Wheels
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
@@ -35,6 +34,9 @@ from .fast_mujoco.self_check import CHECKED_STEPS, SELF_CHECK
 from .held_command import HeldCommand
 from .plain_steps import PlainSteps
 from .truth_rows import State, write_truth
+
+if TYPE_CHECKING:
+    from ..messages.scenery import Scenery
 
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -220,8 +222,11 @@ class Plant:
         return self._level[1]
 
     @property
-    def scenery(self) -> Scenery:
+    def scenery(self) -> "Scenery":
         """Static data for viewers."""
+        # Imported here so that a run that nobody watches loads no messages.
+        from ..messages.scenery import Scenery, shapes_of
+
         return Scenery(self.body_names, self.ground, shapes_of(self._level[0], self.ground))
 
     def drawn_model(self) -> mujoco.MjModel:

@@ -9,7 +9,6 @@ from typing import Final
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from ttempc.types import FloatArray
 
@@ -98,6 +97,8 @@ def ground_colours(
     shade = slope_x - slope_y
     shade = np.clip(shade / max(4.0 * float(shade.std()), 0.05), -1.0, 1.0)
     # smoothed over a cell of the grid: otherwise the edge of a patch is a staircase
+    from PIL import Image  # which a run without pictures does not load
+
     strengths = Image.fromarray(np.log(cone_indices).astype(np.float32))
     strength = np.asarray(strengths.resize((columns, rows), Image.Resampling.BILINEAR))
     colour = np.stack([np.interp(strength, _STRENGTHS, part) for part in _COLOURS.T], axis=-1)

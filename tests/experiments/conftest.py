@@ -1,7 +1,7 @@
 """Short runs with their logs, driven once for all tests that look at logs."""
 
 import pytest
-from proving_ground.experiments.run.simulate import run
+from proving_ground.experiments.run.run_folder import run
 from proving_ground.experiments.scenario.scenario import load
 
 STRAIGHT = "path={kind='straight', length_m=12}"

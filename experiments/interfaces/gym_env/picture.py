@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....testbed.simulation.plant import Plant
-from ...pictures.film.mujoco_scene import graphics_context, off_screen_renderer, rendered
+from ....testbed.viewers.off_screen import graphics_context, off_screen_renderer, rendered
 
 _SIZE = 640, 480  # pixels: MuJoCo's default of an off-screen buffer
 _VIEW = "chase"  # camera of the MJCF

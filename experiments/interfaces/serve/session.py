@@ -24,7 +24,7 @@ from ....testbed.simulation.termination import TerminationLimits
 from ....testbed.terminal import one_line
 from ...errors import InvalidController, ServeError
 from ...run.assembly import Assembly, assemble
-from ...run.simulate import Finished, run
+from ...run.run_folder import Finished, run
 from ...scenario.scenario import Scenario
 from .agopengps import AgOpenGpsProtocol
 from .json_protocol import JsonProtocol

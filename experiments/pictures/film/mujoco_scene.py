@@ -4,9 +4,8 @@
 # pyright: reportAttributeAccessIssue=false
 
 import math
-import os
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import mujoco
 import numpy as np
@@ -19,14 +18,13 @@ from ....testbed.ground.terrain import Terrain
 from ....testbed.recording.channels import REFERENCE as REFERENCE_ROWS
 from ....testbed.truth import WHEELS
 from ....testbed.vehicle.appearance import ground_colours
-from ...errors import InvalidFilm, NoGraphics
+from ....testbed.viewers.off_screen import graphics_context, off_screen_renderer, rendered
+from ...errors import InvalidFilm
 from .camera import FIELD_OF_VIEW, FollowCamera
 from .drawing import PLAN, POINTS, REFERENCE, Rgb, slip_colour
 from .playback import Ghost, Playback, Poses, rotation
 from .settings import FilmSettings
 
-_PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
-_OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL
 _HORIZON: Final = (0.80, 0.87, 0.94)  # colour of the sky at the horizon, and of the fog
 _SUN: Final = (0.45, -0.45, -0.77)  # direction of light: from the north-west, as in the texture
 _SUN_AWAY_M: Final = 1.6  # distance of the light; farther away, shadow acne appears on the ground
@@ -44,55 +42,6 @@ _MOST_CELLS: Final = 90_000  # of the drawn ground: every 0.2 m on 80 x 50 m; th
 # has nine times as many, and a picture takes four times as long
 _MOST_LINES: Final = 60_000  # pieces of all paths, 15 km
 _MEADOW_BELOW_M: Final = 0.02
-
-
-def graphics_context() -> Any:  # noqa: ANN401 - mujoco has no types
-    """Return an OpenGL context that needs no screen, in software without a GPU; it is current.
-
-    Raises:
-        NoGraphics: the message names the packages to install.
-    """
-    try:
-        if os.environ.get("MUJOCO_GL", "").lower() in _OFF:
-            raise RuntimeError(f"MUJOCO_GL={os.environ['MUJOCO_GL']}")
-        from mujoco.egl import GLContext
-
-        context = GLContext(1, 1)  # the size is that of MuJoCo's own frame buffer
-        context.make_current()
-    except (ImportError, AttributeError, OSError, RuntimeError) as error:
-        raise NoGraphics(
-            f"off-screen OpenGL is unavailable ({first_line(error)}): install {_PACKAGES}, "
-            "or take --camera plan, which needs none"
-        ) from None
-    return context
-
-
-def check_graphics() -> None:
-    """Raise if rendering is unavailable.
-
-    Raises:
-        NoGraphics: the message names the packages to install.
-    """
-    graphics_context().free()
-
-
-def off_screen_renderer(model: mujoco.MjModel) -> mujoco.MjrContext:
-    """Return the renderer of a model into the off-screen buffer of the current context."""
-    renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, renderer)
-    return renderer
-
-
-def rendered(
-    scene: mujoco.MjvScene, renderer: mujoco.MjrContext, size: tuple[int, int]
-) -> NDArray[np.uint8]:
-    """Return the picture of a scene of a size (width, height), (height, width, 3)."""
-    width, height = size
-    rectangle = mujoco.MjrRect(0, 0, width, height)
-    mujoco.mjr_render(rectangle, scene, renderer)
-    pixels = np.empty((height, width, 3), dtype=np.uint8)
-    mujoco.mjr_readPixels(pixels, None, rectangle, renderer)
-    return pixels[::-1]  # OpenGL's first row is the bottom row
 
 
 class MujocoScene:

@@ -17,11 +17,13 @@ from PIL import Image
 from ttempc.types import FloatArray
 
 from ....testbed.atomic_write import atomic_write, partial_path
+from ....testbed.errors import NoGraphics
+from ....testbed.viewers.off_screen import graphics_context
 from ...errors import InvalidFilm, MissingExtra
 from ...output import refuse_existing
 from .drawing import DARK, GHOSTS
 from .hud import Hud
-from .mujoco_scene import MujocoScene, check_graphics
+from .mujoco_scene import MujocoScene
 from .plan_view import PlanView
 from .playback import Ghost, Playback, read_playback
 from .settings import FRAME_RATE, Camera, FilmSettings
@@ -78,7 +80,7 @@ class Film:
         for other, colour in zip(others, itertools.cycle(GHOSTS[1:])):
             drawn.append(Ghost(other.label, colour, other.poses_of(bodies)))
         if settings.camera != "plan":
-            check_graphics()
+            _check_graphics()
         return cls(run, drawn, settings, times)
 
     @property
@@ -181,3 +183,15 @@ def _encode(file: str, frames: Iterable[Picture], settings: FilmSettings) -> Non
             container.mux(stream.encode(None))
     except FFmpegError as error:
         raise OSError(error.errno, error.strerror) from error  # as of any other file
+
+
+def _check_graphics() -> None:
+    """Raise where the cameras of MuJoCo cannot be used.
+
+    Raises:
+        NoGraphics: the message names the packages to install, and the camera that needs none.
+    """
+    try:
+        graphics_context().free()
+    except NoGraphics as error:
+        raise NoGraphics(f"{error}, or take --camera plan, which needs none") from None

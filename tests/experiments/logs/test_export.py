@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from proving_ground.experiments import logs
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.run.simulate import run
+from proving_ground.experiments.run.run_folder import run
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.geodesy import ORIGIN_DEG, east_north
 from proving_ground.testbed.log.reader import read_content, read_log

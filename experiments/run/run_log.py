@@ -1,0 +1,84 @@
+"""Log of a run: what it says of the run besides the channels, and its writer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from ...testbed.ground.ground import GROUND_FILE
+from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY
+from ...testbed.log.writer import LogWriter
+from ...testbed.messages.scenery import Scenery
+from ...testbed.recording.provenance import machine, versions
+from ...testbed.recording.record import Event
+from ...testbed.simulation.loop import Outcome
+from ...testbed.vehicle.vehicle import VEHICLES
+from ..scenario.scenario import Scenario, dump
+from .assembly import Assembly
+
+BEGINS: Final = "run begins: "
+ENDS: Final = "run ends: "
+"""Beginnings of the two lines that a log has beside the events of the run's record."""
+
+_OF_THE_RUN: Final = ("scenario", "controller", "seed", "started", "machine", "mismatch")
+
+
+def describe(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    assembly: Assembly,
+    sources: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, str]:
+    """Return the metadata of a run for log and record; `sources` are as of `user_sources`."""
+    return {
+        "scenario": name,
+        "controller": scenario.controller.name,
+        "seed": str(seed),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": "{processor}, {cores} cores, {system}".format(**machine()),
+        "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
+        **versions(),
+        **sources,
+    }
+
+
+def versions_of(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Return the versions and the hashes of a user's code in the metadata of a run."""
+    others = (*_OF_THE_RUN, SALVAGED_KEY, RECOVERED_KEY)
+    return {name: text for name, text in metadata.items() if name not in others}
+
+
+def open_log(
+    file: Path, scenario: Scenario, assembly: Assembly, scenery: Scenery, metadata: dict[str, str]
+) -> LogWriter:
+    """Return the writer of a run's log, see `LogWriter`; enter it to write."""
+    return LogWriter(
+        file,
+        metadata=metadata,
+        attachments={
+            "scenario.toml": dump(scenario),
+            "vehicle.toml": VEHICLES.find(scenario.plant.vehicle.file).read_text(encoding="utf-8"),
+            "model.xml": assembly.plant.mjcf,
+            GROUND_FILE: assembly.plant.ground.to_npz(),
+        },
+        scenery=scenery,
+    )
+
+
+def first_line(metadata: Mapping[str, str]) -> Event:
+    """Return the log line of the start of a run."""
+    text = (
+        f"{BEGINS}{metadata['scenario']}, controller {metadata['controller']}, "
+        f"seed {metadata['seed']}, ttempc {metadata['ttempc']}"
+    )
+    return Event(0.0, "info", text)
+
+
+def last_line(outcome: Outcome) -> Event:
+    """Return the log line that tells how a run ended."""
+    end_s = outcome.duration_s
+    return Event(end_s, "info", f"{ENDS}{outcome.status} after {end_s:.1f} s")
