@@ -15,6 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+from ...testbed.geodesy import ORIGIN_KEY
 from ...testbed.ground.ground import GROUND_FILE
 from ...testbed.log import LOG_NAME
 from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY
@@ -42,7 +43,10 @@ BEGINS: Final = "run begins: "
 ENDS: Final = "run ends: "
 """Beginnings of the two lines that a log has beside the events of the run's record."""
 
-_OF_THE_RUN: Final = ("scenario", "controller", "seed", "started", "machine", "mismatch")
+_OF_THE_RUN: Final = (
+    *("scenario", "controller", "seed", "started", "machine", "mismatch"),
+    ORIGIN_KEY,
+)
 _PATH_STEP_M: Final = 0.2  # between the points of the reference path in the log
 
 
@@ -91,7 +95,7 @@ def simulate(
         outcome = drive_into(recorder, assembly, prepared=False)
     else:
         metadata = describe(name, scenario, seed, assembly, sources)
-        with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
+        with open_log(log, scenario, assembly, assembly.scenery, metadata) as writer:
             writer.event(first_line(metadata))
             outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
             writer.event(last_line(outcome))
@@ -138,7 +142,7 @@ def run(
     assembly = make(scenario, seed, factory)
     if record_hz is not None:  # refused here, before anything is written
         record_steps(assembly.plant.timestep_s, assembly.guidance.period_s, record_hz)
-    scenery = assembly.plant.scenery
+    scenery = assembly.scenery
     with ExitStack() as stack:
         views = [stack.enter_context(watch(scenery))] if watch else []
         make_folder(folder)
@@ -209,6 +213,7 @@ def describe(
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": "{processor}, {cores} cores, {system}".format(**machine()),
         "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
+        **assembly.frame.metadata,
         **versions(),
         **sources,
     }

@@ -13,8 +13,9 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ...testbed.bounded_read import MOST_TEXT_BYTES, read_bounded
-from ...testbed.geodesy import east_north
-from ..errors import InvalidWaypoints
+from ...testbed.geodesy import DEFAULT_FRAME, MapFrame
+from ..errors import InvalidScenario, InvalidWaypoints
+from .field import FieldSettings
 
 _GEOJSON: Final = (".geojson", ".json")
 # Columns without a header, by their number.
@@ -36,13 +37,11 @@ class Waypoints:
 
     points: FloatArray  # (n, 2) x, y [m], map frame
     speed: FloatArray | None = None  # (n,) [m/s]; None if the file has no speeds
+    frame: MapFrame = DEFAULT_FRAME  # in which the points are
+    notes: tuple[str, ...] = ()  # lines for the log
 
 
-def read_waypoints(
-    file: Path,
-    origin_m: tuple[float, float] | None = None,
-    origin_deg: tuple[float, float] | None = None,
-) -> Waypoints:
+def read_waypoints(file: Path, field: FieldSettings | None = None) -> Waypoints:
     """Return the waypoints of a file.
 
     A .geojson or .json file contains one LineString in WGS84. Any other file contains columns
@@ -51,8 +50,7 @@ def read_waypoints(
 
     Args:
         file: path of the file.
-        origin_m: file coordinates of (0, 0) of the map, for files of columns; default (0, 0).
-        origin_deg: latitude and longitude of it, for GeoJSON; default the first point.
+        field: place of the map frame.
 
     Raises:
         InvalidWaypoints: the file cannot be read; the message names the file, the line or point,
@@ -66,19 +64,17 @@ def read_waypoints(
         raise InvalidWaypoints(f"{file}: cannot be read as text: {error}") from None
     try:
         if file.suffix.lower() in _GEOJSON:
-            if origin_m is not None:
-                raise InvalidWaypoints(
-                    "is GeoJSON, its origin is given as origin_deg, not origin_m"
-                )
-            return Waypoints(_geojson_points(text, origin_deg))
-        if origin_deg is not None:
-            raise InvalidWaypoints("is in metres, its origin is given as origin_m, not origin_deg")
-        return _columns_waypoints(text, origin_m or (0.0, 0.0))
-    except InvalidWaypoints as error:
+            waypoints, coordinates = Waypoints(_geojson_places(text)), "degrees"
+        else:
+            waypoints, coordinates = _columns_waypoints(text), "metres"
+        field = field or FieldSettings()
+        points, frame, notes = field.place(coordinates, waypoints.points)
+        return Waypoints(points, waypoints.speed, frame, notes)
+    except (InvalidScenario, InvalidWaypoints) as error:
         raise InvalidWaypoints(f"{file}: {error}") from None
 
 
-def _columns_waypoints(text: str, origin_m: tuple[float, float]) -> Waypoints:
+def _columns_waypoints(text: str) -> Waypoints:
     if (count := text.count("\n")) > _MOST_LINES:
         raise InvalidWaypoints(f"holds {count} lines, at most {_MOST_LINES} are read")
     lines = [(number, _words(line)) for number, line in enumerate(text.splitlines(), 1)]
@@ -87,7 +83,7 @@ def _columns_waypoints(text: str, origin_m: tuple[float, float]) -> Waypoints:
     rows = [_row(number, words, names) for number, words in lines]
     values = np.array(rows).reshape(-1, len(names))
     column = dict(zip(names, values.T, strict=True))
-    points = np.column_stack([column["x"], column["y"]]) - origin_m
+    points = np.column_stack([column["x"], column["y"]])
     if "speed" in column:
         return Waypoints(points, column["speed"])
     return Waypoints(points)
@@ -151,7 +147,7 @@ def _number(word: str) -> float:
         return math.nan
 
 
-def _geojson_points(text: str, origin_deg: tuple[float, float] | None) -> FloatArray:
+def _geojson_places(text: str) -> FloatArray:
     try:
         content = json.loads(text)
         lines = list(_line_strings(content))
@@ -176,9 +172,7 @@ def _geojson_points(text: str, origin_deg: tuple[float, float] | None) -> FloatA
         places.append(numbers[:2])
     if not places:
         _no_points()
-    longitude, latitude = np.array(places, dtype=float).T
-    origin = origin_deg or (float(latitude[0]), float(longitude[0]))
-    return east_north(latitude, longitude, origin)
+    return np.array(places, dtype=float)[:, ::-1]
 
 
 def _line_strings(content: Any) -> Iterator[Any]:  # noqa: ANN401 - any JSON value
