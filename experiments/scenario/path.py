@@ -32,7 +32,7 @@ from ...testbed.configuration.config_io import (
 )
 from ...testbed.geodesy import DEFAULT_FRAME, MapFrame
 from ..errors import InvalidScenario
-from .field import FieldSettings
+from ..formats.field import FieldSettings
 from .waypoint_file import read_waypoints
 
 MOST_M: Final = 100_000
@@ -182,7 +182,10 @@ class FilePath:
     kind: Literal["file"] = "file"
     """Kind of path."""
     file: DataFile
-    """Waypoint file, relative to the scenario; formats: `waypoint_file.read_waypoints`."""
+    """File with the line, relative to the scenario: columns of text, GeoJSON, KML, GPX, ISOXML,
+    NMEA, a field folder of AgOpenGPS, a bag of ROS."""
+    line: str = ""
+    """Name or number of the line, where the file has several."""
     max_deviation_m: LengthM = 0.1
     """Largest distance of the smoothed path from the line through the points."""
     speed_mps: SpeedMps | None = None
@@ -197,7 +200,7 @@ class FilePath:
         all points must lie, None where it is not known.
         """
         file = Path(self.file)
-        waypoints = read_waypoints(file, field)
+        waypoints = read_waypoints(file, field, self.line)
         if field_m is not None:
             _check_on_field(waypoints.points, field_m)
         smoothed = smooth(waypoints.points, self.max_deviation_m)

@@ -23,8 +23,8 @@ from ...testbed.recording.provenance import run_id
 from ...testbed.sensing.sensor_specification import SensorSpecification, with_preset
 from ...testbed.wheels.soil_law import RADIAL, SoilLaw
 from ..errors import InvalidScenario
+from ..formats.field import FieldSettings
 from .controller import ControllerSettings, NoiseSettings, StageSettings
-from .field import FieldSettings
 from .ground import SoilSettings, TerrainSettings
 from .path import AnyPath, CorridorSettings, FigureEight, FilePath, Mission, StartSettings
 from .plant import ControlSettings, PlantSettings

@@ -8,7 +8,7 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidWaypoints
 from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.scenario.field import FieldSettings
+from proving_ground.experiments.formats.field import FieldSettings
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.waypoint_file import read_waypoints
 
@@ -74,7 +74,7 @@ def test_geojson_is_east_and_north_of_its_middle_or_of_an_origin(tmp_path):
 def test_invalid_geojson_is_refused(tmp_path):
     for text, message in (
         ("{", "JSON"),
-        ('{"type": "Point", "coordinates": [1, 2]}', "0 LineStrings"),
+        ('{"type": "Point", "coordinates": [1, 2]}', "without a line"),
         (geojson([]), "coordinates"),
         (geojson([[4.7, 50.0], [4.7, 95.0]]), r"point 1 is \[4.7, 95.0\]"),
         (geojson([[4.7]]), "point 0"),

@@ -12,7 +12,7 @@ from ttempc.types import FloatArray
 from ...testbed.configuration.config_io import STRICT
 from ...testbed.geodesy import MapFrame, middle_deg, utm_degrees
 from ..errors import InvalidScenario
-from ..formats.table import Coordinates
+from .table import Coordinates
 
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=180)]
