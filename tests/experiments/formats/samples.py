@@ -115,7 +115,8 @@ def time_log(folder):
 
 def agopengps(folder):
     (folder / "Field.txt").write_text(
-        "2026-May-01 08:00:00 AM\r\n$FieldDir\r\nFieldNew\r\n$Offsets\r\n0,0\r\nConvergence\r\n0\r\n"
+        "2026-May-01 08:00:00 AM\r\n$FieldDir\r\nFieldNew\r\n"
+        "$Offsets\r\n0,0\r\nConvergence\r\n0\r\n"
         f"StartFix\r\n{ORIGIN_DEG[0]},{ORIGIN_DEG[1]}\r\n"
     )
     points = "".join(f"{x:.3f},{y:.3f},1.4\r\n" for x, y in POINTS)
