@@ -21,6 +21,10 @@ class InvalidWaypoints(ExperimentError):
     """The waypoint file is invalid. The message names the file and the line or point."""
 
 
+class UnreadableFile(ExperimentError):
+    """A file of another program cannot be read. The message says what it is and what to do."""
+
+
 class InvalidStudy(ExperimentError):
     """The study is invalid. The message names the file, the axis and the allowed values."""
 

@@ -1,19 +1,24 @@
 """Convert a log to a rosbag2 folder: MCAP with CDR messages of standard ROS 2 types.
 
-python docs/examples/ros2_bag.py LOG.mcap BAG        needs rosbags, the extra `ros2`
+python docs/examples/ros2_bag.py LOG.mcap BAG [--epoch TIME]     needs rosbags, the extra `ros2`
+
+Simulated time begins at 0, and recorders of ROS drop messages of stamp 0. `--epoch`, seconds since
+1970 or a date and time as 2026-05-01T08:00:00+00:00, is the stamp of simulated time 0.
 
 Frames after REP 103 and 105: `map` is x east, y north, z up; `base_link` is the tractor point
 (centre of the rear axle), `trailer_link` the trailer point, x forward, y left. A covariance of
 zeros, or one that starts with -1, is unknown.
 """
 
+import argparse
 import math
-import sys
 import tomllib
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from proving_ground.testbed.geodesy import degrees
+from proving_ground.testbed.geodesy import MapFrame
 from proving_ground.testbed.log.reader import read_content, record_of
 from proving_ground.testbed.log.scene import attachment, lines_of, motion_of
 from proving_ground.testbed.messages.encoding import headings, nanoseconds, quaternions
@@ -25,6 +30,8 @@ from proving_ground.testbed.recording.channels import (
 )
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+
+from ttempc.layout import FLOAT
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 FRAMES = {"tractor": ("base_link", "t"), "trailer": ("trailer_link", "i")}  # frame, suffix
@@ -42,6 +49,7 @@ COMMANDS = {
 }
 PATHS = (REFERENCE_PATH_TOPIC, PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC)
 LEVELS = {"info": 20, "warning": 30, "error": 40}  # rcl_interfaces/msg/Log
+NO_HEIGHT_M2 = 1e6  # variance of a height that is not measured [m^2]
 UNKNOWN_YAW = math.pi**2 / 3.0  # variance of an angle that may be any [rad^2]
 X, Y, YAW = 0, 7, 35  # diagonal places of a covariance (6, 6) of x, y, z, roll, pitch, yaw
 ZEROS = np.zeros(36)
@@ -53,8 +61,22 @@ def make(kind, **values):
     return STORE.types[f"{package}/msg/{name}"](**values)
 
 
+@dataclass
+class Epoch:
+    """Stamp of simulated time 0, in whole nanoseconds: doubles of today's seconds have 200 ns."""
+
+    ns: int = 0
+
+
+EPOCH = Epoch()
+
+
+def stamp_ns(time_s):
+    return EPOCH.ns + int(nanoseconds(time_s))
+
+
 def stamp(time_s):
-    sec, nanosec = divmod(int(nanoseconds(time_s)), 10**9)
+    sec, nanosec = divmod(stamp_ns(time_s), 10**9)
     return make("builtin_interfaces/Time", sec=sec, nanosec=nanosec)
 
 
@@ -134,17 +156,35 @@ def imu(time_s, frame, yaw_rate, roll, pitch):
     )
 
 
-def fix(time_s, frame, x, y):
-    latitude, longitude = degrees(np.array([x, y]))
+@dataclass(frozen=True)
+class Receiver:
+    """Place of the map on the earth, and standard deviations that the estimator assumes."""
+
+    frame: MapFrame
+    fixed_sd_m: float
+    float_sd_m: float
+
+    @classmethod
+    def of(cls, content):
+        """Return it from metadata and scenario of a log."""
+        noise = tomllib.loads(attachment(content, "scenario.toml").decode())["controller"]["noise"]
+        return cls(MapFrame.of(content.metadata), noise["gnss_sd_m"], noise["gnss_float_sd_m"])
+
+
+def fix(time_s, frame, sample, receiver):
+    """Return a sample x, y, status as a fix: with fixed ambiguities STATUS_GBAS_FIX, as of RTK."""
+    x, y, status = sample
+    latitude, longitude = receiver.frame.degrees(np.array([x, y]))
+    sd_m = receiver.float_sd_m if status == FLOAT else receiver.fixed_sd_m
     return make(
         "sensor_msgs/NavSatFix",
         header=header(time_s, frame),
-        status=make("sensor_msgs/NavSatStatus", status=2, service=1),  # RTK, GPS
+        status=make("sensor_msgs/NavSatStatus", status=0 if status == FLOAT else 2, service=1),
         latitude=latitude,
         longitude=longitude,
         altitude=math.nan,
-        position_covariance=np.zeros(9),
-        position_covariance_type=0,
+        position_covariance=np.diag([sd_m**2, sd_m**2, NO_HEIGHT_M2]).ravel(),
+        position_covariance_type=1,  # approximated
     )
 
 
@@ -192,7 +232,7 @@ def estimates(table):
             yield topic, time_s, odometry(time_s, frame, place, twist, of_pose, of_twist)
 
 
-def samples(table, radius_m):
+def samples(table, radius_m, receiver):
     """Yield samples at their delivery, stamped with the time at which they were taken."""
     for time_s, row in zip(table.time_s.tolist(), table.values.tolist(), strict=True):
         taken = {}  # joint states by stamp and name
@@ -209,12 +249,11 @@ def samples(table, radius_m):
             elif sensor.startswith("imu"):
                 yield f"/{body}/imu", time_s, imu(taken_s, frame, *value)
             else:
-                value = value[:2]  # without its status
-                point = vector(*value, kind="Point")
+                point = vector(*value[:2], kind="Point")
                 head = header(taken_s)
                 point = make("geometry_msgs/PointStamped", header=head, point=point)
                 yield f"/{body}/position", time_s, point
-                yield f"/{body}/fix", time_s, fix(taken_s, frame, *value)
+                yield f"/{body}/fix", time_s, fix(taken_s, frame, value, receiver)
         for taken_s, states in taken.items():
             positions, rates = zip(*states.values(), strict=True)
             yield "/joint_states", time_s, joints(taken_s, states, positions, rates)
@@ -238,7 +277,8 @@ def messages(log):
         yield "/tf", time_s, make("tf2_msgs/TFMessage", transforms=frames)
     yield from truth(state)
     yield from estimates(record["/estimate"])
-    yield from samples(record["/measurement"], vehicle["rear_wheel"]["radius_m"])
+    radius_m = vehicle["rear_wheel"]["radius_m"]
+    yield from samples(record["/measurement"], radius_m, Receiver.of(content))
     reference, control = record["/reference"], record["/control"]
     for body, (_, suffix) in FRAMES.items():
         for time_s, place in zip(reference.time_s, places(reference, suffix), strict=True):
@@ -268,8 +308,26 @@ def convert(log, bag):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
             data = STORE.serialize_cdr(message, kind)
-            writer.write(connections[topic], int(nanoseconds(time_s)), data)
+            writer.write(connections[topic], stamp_ns(time_s), data)
+
+
+def seconds_of(text):
+    """Return seconds since 1970 from a number or from a date and time."""
+    try:
+        return float(text)
+    except ValueError:
+        return datetime.fromisoformat(text).timestamp()
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Convert a log to a rosbag2 folder.")
+    parser.add_argument("log")
+    parser.add_argument("bag")
+    parser.add_argument("--epoch", type=seconds_of, default=0.0, metavar="TIME")
+    arguments = parser.parse_args()
+    EPOCH.ns = int(nanoseconds(arguments.epoch))
+    convert(arguments.log, arguments.bag)
 
 
 if __name__ == "__main__":
-    convert(sys.argv[1], sys.argv[2])
+    main()

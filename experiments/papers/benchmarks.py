@@ -165,7 +165,7 @@ def _drive(length_m: float, logged: bool) -> tuple[float, float, float]:
         file, about = Path(folder) / "log.mcap", describe(name, scenario, SEED, assembly)
         begin = time.process_time()
         if logged:
-            with open_log(file, scenario, assembly, assembly.plant.scenery, about) as log:
+            with open_log(file, scenario, assembly, assembly.scenery, about) as log:
                 outcome = drive_into(Tee(Recorder(), log), assembly, prepared=False)
         else:
             outcome = drive_into(Recorder(), assembly, prepared=False)

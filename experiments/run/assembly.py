@@ -16,10 +16,12 @@ from ttempc.vehicle import Vehicle
 
 from ...testbed.actuation.actuators import Actuators
 from ...testbed.discretisation import whole_steps
+from ...testbed.geodesy import DEFAULT_FRAME, MapFrame
 from ...testbed.ground.grid import Grid
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
+from ...testbed.messages.scenery import Scenery
 from ...testbed.randomness import generator
 from ...testbed.recording.record import RESUMED, Event, Sink
 from ...testbed.sensing.sensors import SensorSuite
@@ -61,9 +63,15 @@ class Assembly:
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     control: ControlSettings
+    frame: MapFrame = DEFAULT_FRAME  # place of the map on the earth
     notes: tuple[str, ...] = ()  # on path and tube, for the log
     stages: tuple[Stage, ...] = STAGES
     termination: TerminationLimits | None = None  # None: those of the vehicle
+
+    @property
+    def scenery(self) -> Scenery:
+        """Static data for viewers, placed on the earth."""
+        return replace(self.plant.scenery, frame=self.frame)
 
     @property
     def vehicle(self) -> Vehicle:
@@ -189,6 +197,7 @@ def assemble(
             *(() if factory else scenario.controller.notes(vehicle, scenario.control.period_s)),
         ),
         control=scenario.control,
+        frame=plan.mission.frame,
         stages=with_stages(
             [*_operator(scenario.control), *plan.timetable.stages(plant), *user_stages]
         ),

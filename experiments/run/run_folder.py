@@ -91,7 +91,7 @@ def run(
         period_s = assembly.guidance.period_s
         record_steps(assembly.plant.timestep_s, period_s, recording.record_hz)
 
-    scenery = assembly.plant.scenery
+    scenery = assembly.scenery
     recorder = Recorder(on_event=recording.on_event)
     metadata = describe(name, scenario, seed, assembly, sources)
     files = {"scenario": folder / "scenario.toml", "log": folder / LOG_NAME}

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from ...testbed.geodesy import ORIGIN_KEY
 from ...testbed.ground.ground import GROUND_FILE
 from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY
 from ...testbed.log.writer import LogWriter
@@ -23,7 +24,15 @@ BEGINS: Final = "run begins: "
 ENDS: Final = "run ends: "
 """Beginnings of the two lines that a log has beside the events of the run's record."""
 
-_OF_THE_RUN: Final = ("scenario", "controller", "seed", "started", "machine", "mismatch")
+_OF_THE_RUN: Final = (
+    "scenario",
+    "controller",
+    "seed",
+    "started",
+    "machine",
+    "mismatch",
+    ORIGIN_KEY,
+)
 
 
 def describe(
@@ -41,6 +50,7 @@ def describe(
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": "{processor}, {cores} cores, {system}".format(**machine()),
         "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
+        **assembly.frame.metadata,
         **versions(),
         **sources,
     }

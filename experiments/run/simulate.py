@@ -63,7 +63,7 @@ def simulate(
         from .run_log import describe, first_line, last_line, open_log
 
         metadata = describe(name, scenario, seed, assembly, sources)
-        with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
+        with open_log(log, scenario, assembly, assembly.scenery, metadata) as writer:
             writer.event(first_line(metadata))
             outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
             writer.event(last_line(outcome))

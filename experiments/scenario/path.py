@@ -27,11 +27,12 @@ from ...testbed.configuration.config_io import (
     DataFile,
     LengthM,
     NotNegative,
-    PlaceM,
     Positive,
     SpeedMps,
 )
+from ...testbed.geodesy import DEFAULT_FRAME, MapFrame
 from ..errors import InvalidScenario
+from ..formats.field import FieldSettings
 from .waypoint_file import read_waypoints
 
 MOST_M: Final = 100_000
@@ -49,6 +50,7 @@ class Mission:
     speed: SpeedProfile
     reverse: bool  # in reverse gear, from the end of the path to its beginning
     notes: tuple[str, ...] = ()  # lines for the log
+    frame: MapFrame = DEFAULT_FRAME  # place of the map on the earth
 
     @classmethod
     def along(
@@ -180,26 +182,25 @@ class FilePath:
     kind: Literal["file"] = "file"
     """Kind of path."""
     file: DataFile
-    """Waypoint file, relative to the scenario; formats: `waypoint_file.read_waypoints`."""
+    """File with the line, relative to the scenario: columns of text, GeoJSON, KML, GPX, ISOXML,
+    NMEA, a field folder of AgOpenGPS, a bag of ROS."""
+    line: str = ""
+    """Name or number of the line, where the file has several."""
     max_deviation_m: LengthM = 0.1
     """Largest distance of the smoothed path from the line through the points."""
     speed_mps: SpeedMps | None = None
     """Speed along the path; absent: the speeds of the file, 1.0 if it has none."""
     acceleration_mps2: Positive = 0.1
     """Acceleration between the speeds of the file."""
-    origin_m: tuple[PlaceM, PlaceM] | None = None
-    """File coordinates of the middle of the field."""
-    origin_deg: tuple[PlaceM, PlaceM] | None = None
-    """Latitude and longitude of the middle of the field (GeoJSON)."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
 
-    def mission(self, field_m: tuple[float, float] | None = None) -> Mission:
+    def mission(self, field: FieldSettings, field_m: tuple[float, float] | None = None) -> Mission:
         """Return path, speed and gear; `field_m` is the extent, west-east and south-north, in which
         all points must lie, None where it is not known.
         """
         file = Path(self.file)
-        waypoints = read_waypoints(file, self.origin_m, self.origin_deg)
+        waypoints = read_waypoints(file, field, self.line)
         if field_m is not None:
             _check_on_field(waypoints.points, field_m)
         smoothed = smooth(waypoints.points, self.max_deviation_m)
@@ -211,7 +212,9 @@ class FilePath:
             f"path: {len(waypoints.points)} points of {file.name}, smoothed within "
             f"{100.0 * smoothed.deviation_m:.1f} cm of the line through them"
         )
-        return Mission.along(smoothed.path, speed, reverse=self.reverse, notes=(note,))
+        notes = (note, *waypoints.notes)
+        mission = Mission.along(smoothed.path, speed, reverse=self.reverse, notes=notes)
+        return replace(mission, frame=waypoints.frame)
 
 
 def _check_on_field(points: FloatArray, field_m: tuple[float, float]) -> None:
@@ -219,10 +222,12 @@ def _check_on_field(points: FloatArray, field_m: tuple[float, float]) -> None:
     beyond = np.flatnonzero((np.abs(points) > 0.5 * np.array(field_m)).any(axis=1))
     if len(beyond):
         x, y = points[beyond[0]]
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         raise InvalidScenario(
             f"path: point {beyond[0]} of {len(points)} at x = {x:.6g}, y = {y:.6g} m lies "
             f"beyond the field of {field_m[0]:g} x {field_m[1]:g} m about (0, 0) "
-            "(terrain.size_x_m, size_y_m, path.origin_m, origin_deg; the file is in metres)"
+            "(terrain.size_x_m, size_y_m, or the origin in [field]; the middle of the points is at "
+            f"{middle[0]:.6g}, {middle[1]:.6g} m)"
         )
 
 

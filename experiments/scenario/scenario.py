@@ -23,6 +23,7 @@ from ...testbed.recording.provenance import run_id
 from ...testbed.sensing.sensor_specification import SensorSpecification, with_preset
 from ...testbed.wheels.soil_law import RADIAL, SoilLaw
 from ..errors import InvalidScenario
+from ..formats.field import FieldSettings
 from .controller import ControllerSettings, NoiseSettings, StageSettings
 from .ground import SoilSettings, TerrainSettings
 from .path import AnyPath, CorridorSettings, FigureEight, FilePath, Mission, StartSettings
@@ -53,6 +54,8 @@ class Scenario:
     """Place of the vehicle beside the beginning of its path."""
     corridor: CorridorSettings | None = None
     """Corridor about the path; absent: free ground."""
+    field: FieldSettings = FieldSettings()
+    """Place of the field on the earth."""
     terrain: TerrainSettings = TerrainSettings()
     """Shape of the ground."""
     soil: SoilSettings = SoilSettings()
@@ -80,10 +83,11 @@ class Scenario:
         In a corridor the speed is that at which the tube of the controller fits into it.
         """
         terrain = self.terrain
-        if isinstance(self.path, FilePath) and not terrain.height_map:
-            mission = self.path.mission((terrain.size_x_m, terrain.size_y_m))
+        if isinstance(self.path, FilePath):
+            size_m = None if terrain.height_map else (terrain.size_x_m, terrain.size_y_m)
+            mission = self.path.mission(self.field, size_m)
         else:
-            mission = self.path.mission()
+            mission = replace(self.path.mission(), frame=self.field.frame())
         mission.check_size(self.control.period_s)
         if (corridor := self.kept_corridor()) and (tube := self.controller.speed_tube()):
             mission = mission.in_corridor(corridor, tube)

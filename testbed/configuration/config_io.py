@@ -3,6 +3,7 @@
 import json
 import math
 import tomllib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -67,7 +68,10 @@ def read_toml(file: Path, error: type[Exception]) -> dict[str, Any]:
         Exception: `error` with one line, if the file is missing, too large or no TOML.
     """
     try:
-        text = read_bounded(file, _MOST_BYTES).decode()
+        data = read_bounded(file, _MOST_BYTES)
+        if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            raise error(f"{file}: cannot be read as TOML: is UTF-16, save it as UTF-8")
+        text = data.decode("utf-8-sig")  # Windows programs write a mark
     except OSError as reason:
         raise error(f"{file}: cannot be read as TOML: {reason.strerror}") from None
     except UnicodeDecodeError as reason:

@@ -21,7 +21,6 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from ttempc.types import FloatArray, Sensor
 
-from ..geodesy import degrees
 from ..recording import channels as topics
 from ..recording.channels import CHANNELS, ERROR, MEASUREMENT, REFERENCE, STATE, Channel
 from ..recording.record import Event, Sink, wrong_shape
@@ -234,7 +233,8 @@ class Publisher(Sink, ABC):
             taken = ~np.isnan(samples[:, 0])
             if taken.any():
                 stamps = nanoseconds(samples[taken, 3])
-                fixes = fix_template(frame).fill(degrees(samples[taken, :2]), stamps)
+                places = self._scenery.frame.degrees(samples[taken, :2])
+                fixes = fix_template(frame).fill(places, stamps)
                 self._send(topic, times_ns[taken], fixes)
 
     def _publish_poses(

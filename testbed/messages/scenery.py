@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ttempc.types import FloatArray
 
+from ..geodesy import DEFAULT_FRAME, MapFrame
 from ..ground.ground import Ground
 from ..vehicle.appearance import ground_colours
 from .encoding import MAP_FRAME, Template, hole, single
@@ -36,6 +37,7 @@ class Scenery:
     body_names: tuple[str, ...] = ()
     ground: Ground | None = None  # level where None
     shapes: bytes = b""  # a foxglove.SceneUpdate; empty where there is nothing to show
+    frame: MapFrame = DEFAULT_FRAME  # place of the map on the earth
 
     def on_ground(self, points: FloatArray) -> FloatArray:
         """Return points (n, 2) [m] with the height at which a path is drawn, (n, 3) [m]."""

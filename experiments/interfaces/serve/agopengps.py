@@ -24,7 +24,7 @@ import numpy as np
 from ttempc.reference.reference import Reference
 from ttempc.types import Sensor, State
 
-from ....testbed.geodesy import ORIGIN_DEG, degrees
+from ....testbed.geodesy import MapFrame
 from .link import Received, Refused, RemoteCommand, RunFacts, TickData, WireProtocol
 
 STEER: Final = 254  # from AgOpenGPS: speed, switch, steering angle
@@ -109,23 +109,21 @@ class AgOpenGpsProtocol(WireProtocol):
     Position, speed, steering angle and roll are those of the sensors, the heading is that of the
     estimate: the vehicle has no sensor of it. A tick without a sample of GNSS sends no position.
     Steering with the autosteer button off is no command.
-
-    Args:
-        origin_deg: latitude and longitude of the map's origin.
     """
 
     name = "agopengps"
     peer_name = "AgOpenGPS"
     space_based = True
 
-    def __init__(self, origin_deg: tuple[float, float] = ORIGIN_DEG) -> None:
-        self._origin_deg = origin_deg
+    def __init__(self) -> None:
+        self._frame = MapFrame()  # until the run begins
         self._angle_deg = 0.0  # measured last, positive to the right
         self._speed_kmh = 0.0
         self._roll_deg: float | None = None
 
     def begin(self, facts: RunFacts, reference: Reference) -> None:
-        """Keep the place where the vehicle waits: x, y [m], yaw [rad]."""
+        """Keep the map frame and the place where the vehicle waits: x, y [m], yaw [rad]."""
+        self._frame = MapFrame(facts.origin_deg)
         self._start = reference.at(0.0).state.tolist()[: State.PSI_I]
 
     def receive(self, payload: bytes) -> Received:
@@ -169,7 +167,7 @@ class AgOpenGpsProtocol(WireProtocol):
         return self._frames(*place, float(data.estimate.state[State.PSI_T]))
 
     def _frames(self, x: float, y: float, yaw: float) -> Sequence[bytes]:
-        latitude, longitude = degrees(np.array([x, y]), self._origin_deg).tolist()
+        latitude, longitude = self._frame.degrees(np.array([x, y])).tolist()
         heading_deg = 90.0 - math.degrees(yaw)
         position = position_frame(latitude, longitude, heading_deg, self._speed_kmh, self._roll_deg)
         return self._status(), position

@@ -48,6 +48,7 @@ class RunFacts:
     ticks: int  # of the reference
     step: bool  # whether the plant waits for every command
     vehicle: Vehicle  # model parameters
+    origin_deg: tuple[float, float]  # latitude and longitude of the map's origin
 
 
 @dataclass(frozen=True, slots=True)

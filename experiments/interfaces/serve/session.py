@@ -211,6 +211,7 @@ class Session:
             ticks=assembly.ticks,
             step=self._settings.lockstep,
             vehicle=guidance.vehicle,
+            origin_deg=assembly.frame.origin_deg,
         )
         self._protocol.begin(facts, guidance.reference)
         self._wait_for_the_peer()

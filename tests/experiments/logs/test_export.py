@@ -16,7 +16,7 @@ from proving_ground.experiments import logs
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.run_folder import run
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.geodesy import ORIGIN_DEG, east_north
+from proving_ground.testbed.geodesy import MapFrame
 from proving_ground.testbed.log.reader import read_content, read_log
 from proving_ground.testbed.log.scene import lines_of
 from proving_ground.testbed.messages.publisher import topics_of
@@ -109,8 +109,7 @@ def test_samples_of_a_bag_are_stamped_when_taken_and_logged_when_delivered(bag):
         assert [stamp_s(m) for _, m in messages] == pytest.approx(taken_s.tolist())
         assert [time_s for time_s, _ in messages] == pytest.approx(delivered_s.tolist())
         fixes = [m for _, m in topics[f"/{place}/fix"]]
-        origin = ORIGIN_DEG
-        back = east_north([m.latitude for m in fixes], [m.longitude for m in fixes], origin)
+        back = MapFrame().points([m.latitude for m in fixes], [m.longitude for m in fixes])
         np.testing.assert_allclose(back, points, atol=1e-3)
 
 

@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from proving_ground.testbed.geodesy import ORIGIN_DEG, degrees
+from proving_ground.testbed.geodesy import ORIGIN_DEG, MapFrame
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
 from proving_ground.testbed.messages.encoding import (
@@ -63,7 +63,7 @@ def test_attitudes_are_yaw_then_pitch_then_roll():
 
 
 def test_a_fix_lies_where_the_ellipsoid_says():
-    at = degrees(np.array([[40.0, 30.0]]))
+    at = MapFrame().degrees(np.array([[40.0, 30.0]]))
     (data,) = fix_template("tractor").fill(at, np.array([127 * 10**9 + 5]))
     fix = LocationFix.FromString(data.tobytes())
     assert (fix.frame_id, fix.timestamp.ToNanoseconds()) == ("tractor", 127 * 10**9 + 5)

@@ -12,7 +12,7 @@ from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Estimate, Measurement, Sensor
 
 REFERENCE = Reference(straight(20.0), Vehicle(), ConstantSpeed(1.0))
-FACTS = RunFacts("grass", 1, 0.2, 100, step=True, vehicle=Vehicle())
+FACTS = RunFacts("grass", 1, 0.2, 100, step=True, vehicle=Vehicle(), origin_deg=(44.97, -93.26))
 HELLO = {"type": "hello", "version": 1, "name": "test"}
 COMMAND = {"type": "command", "tick": 3, "delta_t_rad": 0.1}
 

@@ -24,7 +24,7 @@ from proving_ground.experiments.interfaces.serve.session import (
 )
 from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.geodesy import ORIGIN_DEG, east_north
+from proving_ground.testbed.geodesy import MapFrame
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 
@@ -243,7 +243,7 @@ class AgOpenGps:
         if datagram[3] != 214:
             return []
         longitude, latitude, heading = struct.unpack_from("<ddf", datagram, 5)
-        east, north = east_north(latitude, longitude, ORIGIN_DEG)
+        east, north = MapFrame().points(latitude, longitude)
         if self.start is None:
             self.start = east, north, math.radians(heading)
         x, y, course = self.start

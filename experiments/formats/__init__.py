@@ -1,0 +1,1 @@
+"""Files of other programs: lines, boundaries and records."""
