@@ -80,8 +80,10 @@ class Scenario:
         In a corridor the speed is that at which the tube of the controller fits into it.
         """
         terrain = self.terrain
-        if isinstance(self.path, FilePath) and not terrain.height_map:
-            mission = self.path.mission((terrain.size_x_m, terrain.size_y_m))
+        if isinstance(self.path, FilePath):
+            # the size of a height map is not known before it is read
+            size = None if terrain.height_map else (terrain.size_x_m, terrain.size_y_m)
+            mission = self.path.mission(self.vehicles().model, size)
         else:
             mission = self.path.mission()
         mission.check_size(self.control.period_s)
