@@ -44,7 +44,8 @@ class Vehicle:
     steering_lag_t: float = 0.15  # lag of the front steering actuator [s]; assumed
     steering_lag_i: float = 0.20  # lag of the trailer steering actuator [s]; assumed
     steering_limit_t: float = math.radians(35.0)  # stop of the front steering [rad]; assumed
-    steering_limit_i: float = math.radians(25.0)  # stop of the trailer steering [rad]; assumed
+    # Stop of the trailer steering [rad]; assumed. 0: a plain trailer, without steering
+    steering_limit_i: float = math.radians(25.0)
     steering_rate_t: float = math.radians(55.0)  # [rad/s]; paper, eq. (constraints)
     steering_rate_i: float = math.radians(35.0)  # [rad/s]; paper, eq. (constraints)
     hp_rate: float = 0.30  # hydrostat position per second [1/s]; paper, eq. (constraints)
@@ -72,13 +73,17 @@ class Vehicle:
             elif item.name == "tool_behind":
                 if not 0.0 <= value < math.inf:
                     raise InvalidVehicle(f"{what}: got {value}, must be finite and 0 or above")
+            elif item.name == "steering_limit_i":
+                if not 0.0 <= value < math.pi / 2:
+                    raise InvalidVehicle(
+                        f"{what}: got {value:.3f} rad, must be from 0 (no steering) to below pi/2"
+                    )
             elif item.name != "reverse" and not (math.isfinite(value) and value > 0.0):
                 raise InvalidVehicle(f"{what}: got {value}, must be finite and above 0")
-        for name in ("steering_limit_t", "steering_limit_i"):
-            if getattr(self, name) >= math.pi / 2:
-                raise InvalidVehicle(
-                    f"vehicle.{name}: got {getattr(self, name):.3f} rad, must be below pi/2"
-                )
+        if self.steering_limit_t >= math.pi / 2:
+            raise InvalidVehicle(
+                f"vehicle.steering_limit_t: got {self.steering_limit_t:.3f} rad, must be below pi/2"
+            )
 
     @property
     def drawbar_offset(self) -> float:

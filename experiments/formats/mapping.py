@@ -46,8 +46,8 @@ class FormatMap:
     """Logged point: "antenna", the receiver on the tractor's mast; "axle", the centre of the rear
     axle; "implement", a point that the program computes at the tool or the trailer."""
     antenna_m: tuple[Offset, Offset, Offset] | None = None
-    """Receiver's place ahead of, left of, and above the centre of the rear axle; absent: that of the
-    vehicle's file."""
+    """Receiver's place ahead of, left of, and above the centre of the rear axle; absent: that of
+    the vehicle's file."""
 
 
 def read_map(file: Path | None) -> FormatMap:

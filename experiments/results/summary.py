@@ -18,6 +18,7 @@ from ...testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
     ESTIMATE,
+    LINE,
     REFERENCE,
     SOLVER,
     STATE,
@@ -238,6 +239,26 @@ class CorridorStatistics:
 
 
 @dataclass(frozen=True, slots=True)
+class OffsetStatistics:
+    """Offset of one point from the line as given, across it."""
+
+    rms_m: float | None
+    p95_m: float | None  # p95 and max of the absolute offset
+    max_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class LineStatistics:
+    """Offsets of the true points, and of the references, from the line as given."""
+
+    tractor: OffsetStatistics
+    trailer: OffsetStatistics
+    tool: OffsetStatistics | None  # None if the run has no implement
+    tractor_reference: OffsetStatistics  # over the whole run, as smoothing bends it
+    trailer_reference: OffsetStatistics  # where the trailer leaves its line
+
+
+@dataclass(frozen=True, slots=True)
 class PointEntry:
     """Entry of one point into its line."""
 
@@ -275,6 +296,7 @@ class Summary(RunFacts):
     inputs: InputsStatistics
     tube: TubeStatistics | None  # None if the run has no tube
     corridor: CorridorStatistics | None  # None on free ground
+    line: LineStatistics | None  # None where the reference is the line itself
     slip: SlipStatistics
     extremes: ExtremeStatistics
     entry: EntryStatistics | None  # None for a start on the path
@@ -301,6 +323,7 @@ def summarise(record: Record, facts: RunFacts, wall_s: float | None = None) -> S
         inputs=input_statistics(record),
         tube=_tube(record),
         corridor=corridor_statistics(record),
+        line=line_statistics(record),
         slip=_slip(record),
         extremes=_extremes(record),
         entry=entry_statistics(record, errors),
@@ -440,6 +463,33 @@ def corridor_statistics(record: Record) -> CorridorStatistics | None:
         trailer=outside("trailer"),
         tool=outside("tool") if len(record[TOOL]) else None,
         hitch_outside_fraction=_mean(beta[limited] > limit[limited]),
+    )
+
+
+def line_statistics(record: Record) -> LineStatistics | None:
+    """Return the offsets from the line as given, None where the reference is the line itself.
+
+    Those of true points count after the start-up, those of the references over the whole run.
+    """
+    table = record.tables.get(LINE.topic)
+    if table is None or not len(table):
+        return None
+    time_counts = counted(record, table.time_s)
+
+    def offset(name: str, rows: NDArray[np.bool_]) -> OffsetStatistics:
+        offsets = np.abs(table[f"{name}_m"])
+        offsets = offsets[rows & np.isfinite(offsets)]
+        return OffsetStatistics(
+            _rms(offsets), _percentile(offsets, 95.0), _percentile(offsets, 100.0)
+        )
+
+    always = np.full(len(table), True)
+    return LineStatistics(
+        tractor=offset("tractor", time_counts),
+        trailer=offset("trailer", time_counts),
+        tool=offset("tool", time_counts) if len(record[TOOL]) else None,
+        tractor_reference=offset("tractor_reference", always),
+        trailer_reference=offset("trailer_reference", always),
     )
 
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from ...testbed.recording.record import OVERRUN, Event
 from ...testbed.terminal import one_line
-from .summary import BodyStatistics, CorridorStatistics, Summary
+from .summary import BodyStatistics, CorridorStatistics, LineStatistics, Summary
 from .tracking_errors import START_UP_S
 
 WIDTH: Final = 80
@@ -79,6 +79,20 @@ def format_corridor(corridor: CorridorStatistics) -> str:
     return f"Outside the corridor: {', '.join(parts) or 'nothing counted'}"
 
 
+def format_line(line: LineStatistics) -> str:
+    """Return the offsets from the line as given as one line of text."""
+    points = {"tractor": line.tractor, "trailer": line.trailer, "tool": line.tool}
+    parts = [
+        f"{name} {centimetres(offset.p95_m)} cm (p95)"
+        for name, offset in points.items()
+        if offset is not None
+    ]
+    bent, towed = line.tractor_reference, line.trailer_reference
+    parts.append(f"reference {centimetres(bent.rms_m)} (rms), {centimetres(bent.max_m)} (largest)")
+    parts.append(f"reference of the trailer {centimetres(towed.max_m)} (largest)")
+    return f"Beside the line as given: {', '.join(parts)}"
+
+
 def centimetres(metres: float | None, decimals: int = 1) -> str:
     """Return a length as text in centimetres, a dash for None."""
     return "–" if metres is None else f"{100.0 * metres:.{decimals}f}"
@@ -118,6 +132,8 @@ def _other_numbers(summary: Summary) -> list[str]:
         )
     if summary.corridor is not None:
         lines += textwrap.wrap(format_corridor(summary.corridor), WIDTH, subsequent_indent="  ")
+    if summary.line is not None:
+        lines += textwrap.wrap(format_line(summary.line), WIDTH, subsequent_indent="  ")
     if factor is not None:
         lines.append(f"Simulated {factor:.0f} times faster than real time")
     return lines

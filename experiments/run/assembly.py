@@ -11,6 +11,7 @@ from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Path, Projection
 from ttempc.reference.reference import Reference, ReferenceSample, check_drivable, check_pace
+from ttempc.reference.towed import distance_off_line
 from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
@@ -23,6 +24,7 @@ from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
 from ...testbed.messages.scenery import Scenery
 from ...testbed.randomness import generator
+from ...testbed.recording.channels import CORRIDOR, LINE
 from ...testbed.recording.record import RESUMED, Event, Sink
 from ...testbed.sensing.sensors import SensorSuite
 from ...testbed.sensing.truth_estimator import TruthEstimator
@@ -38,6 +40,7 @@ from ..scenario.plant import ControlSettings, record_rate, record_steps
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
 from .corridor_judge import CorridorJudge
+from .line_judge import LineJudge
 from .shared_parts import SharedParts
 from .timetable import Timetable
 from .user_code import is_user_code, load_factory, named_estimator, named_factory, user_stage
@@ -65,6 +68,7 @@ class Assembly:
     control: ControlSettings
     frame: MapFrame = DEFAULT_FRAME  # place of the map on the earth
     notes: tuple[str, ...] = ()  # on path and tube, for the log
+    line: FloatArray | None = None  # as given (n, 2) [m], where the reference is beside it
     stages: tuple[Stage, ...] = STAGES
     termination: TerminationLimits | None = None  # None: those of the vehicle
 
@@ -102,7 +106,14 @@ class Assembly:
             realtime=self.control.realtime,
             deadline=Deadline(self.control.step_limit_s),
             place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
-            corridor_rows=CorridorJudge(corridor, rows, distance).rows if corridor else None,
+            judges=tuple(
+                (channel, judge)
+                for channel, judge in (
+                    (CORRIDOR, corridor and CorridorJudge(corridor, rows, distance).rows),
+                    (LINE, None if self.line is None else LineJudge(self.line).rows),
+                )
+                if judge is not None
+            ),
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -183,24 +194,41 @@ def assemble(
     # refused here, before anything is written
     plant.reset(*begin.pose(x, y, yaw), speed if begin.rolling else 0.0)
     vehicle = plan.reference.vehicle
+    judged = replace(plan.reference, vehicle=replace(vehicle, **plan.vehicles.plant_lengths))
+    off_line_m = distance_off_line(judged.path, judged.vehicle)
     return Assembly(
         plant=plant,
         sensors=sensors,
         guidance=guidance,
         terrain=plan.terrain,
-        reference=replace(plan.reference, vehicle=replace(vehicle, **plan.vehicles.plant_lengths)),
+        reference=judged,
         start=plant.snapshot(),
         ticks=plan.timetable.ticks,
         mismatch=(*plan.vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(
             *plan.mission.notes,
+            *_on_trailer(vehicle, off_line_m),
             *(() if factory else scenario.controller.notes(vehicle, scenario.control.period_s)),
         ),
         control=scenario.control,
         frame=plan.mission.frame,
+        line=plan.mission.line if off_line_m == 0.0 else plan.mission.driven_line(),
         stages=with_stages(
             [*_operator(scenario.control), *plan.timetable.stages(plant), *user_stages]
         ),
+    )
+
+
+def _on_trailer(vehicle: Vehicle, off_line_m: float) -> tuple[str, ...]:
+    """Return what a user has to know of a trailer that leaves its line; nothing of another."""
+    if off_line_m == 0.0:
+        return ()
+    steered = "has no steering"
+    if vehicle.steering_limit_i:
+        steered = f"steers up to {math.degrees(vehicle.steering_limit_i):.0f} deg"
+    return (
+        f"trailer: it {steered}, and its reference leaves the line of the tractor by up to "
+        f"{100.0 * off_line_m:.0f} cm",
     )
 
 

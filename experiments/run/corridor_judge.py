@@ -5,11 +5,11 @@ import math
 import numpy as np
 
 from ttempc.reference.corridor import Corridor
-from ttempc.reference.path import Projection
 from ttempc.types import FloatArray
 
 from ...testbed.recording.channels import REFERENCE
 from ...testbed.truth import TOOL_LOWERED, TruthBlock
+from .followed_line import FollowedLine
 
 _NAN = math.nan
 
@@ -28,12 +28,13 @@ class CorridorJudge:
         column = {name: reference[:, i] for i, name in enumerate(REFERENCE.fields)}
         trailer = np.column_stack([column["x_i_m"], column["y_i_m"]])
         yaw, behind = column["psi_i_rad"], corridor.tool_behind_m or 0.0
-        self._tractor = _Line(np.column_stack([column["x_t_m"], column["y_t_m"]]))
-        self._trailer = _Line(trailer)
-        self._tool = _Line(trailer - behind * np.column_stack([np.cos(yaw), np.sin(yaw)]))
+        self._tractor = FollowedLine(np.column_stack([column["x_t_m"], column["y_t_m"]]))
+        self._trailer = FollowedLine(trailer)
+        self._tool = FollowedLine(trailer - behind * np.column_stack([np.cos(yaw), np.sin(yaw)]))
 
-    def rows(self, moments: TruthBlock) -> FloatArray:
+    def rows(self, moments: TruthBlock, references: FloatArray) -> FloatArray:
         """Return the rows at some moments, (n, fields); call it in the order of time."""
+        del references
         rows = []
         for number, tool in enumerate(moments.tools.tolist()):
             (x_t, y_t, _, x_i, y_i), offset = moments.rows[number, 1:6].tolist(), _NAN
@@ -46,19 +47,3 @@ class CorridorJudge:
             half_width = half_width if math.isfinite(half_width) else _NAN
             rows.append((half_width, tractor, trailer, offset, self._hitch_limit))
         return np.array(rows)
-
-
-class _Line:
-    """A polyline (n, 2) [m] that a point follows."""
-
-    def __init__(self, points: FloatArray) -> None:
-        self._points, self._projection = points, Projection(points)
-
-    def offset(self, x: float, y: float) -> tuple[float, float]:
-        """Return the place of a point, see `Projection`, and its offset to the left [m]."""
-        place = self._projection.place(x, y)
-        k = min(int(place), len(self._points) - 2)
-        (x_0, y_0), (x_1, y_1) = self._points[k : k + 2].tolist()
-        along, across = x_1 - x_0, y_1 - y_0
-        length = math.hypot(along, across)
-        return place, (along * (y - y_0) - across * (x - x_0)) / length if length else _NAN

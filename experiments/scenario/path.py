@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -17,10 +18,11 @@ from ttempc.reference.corridor import Corridor, SpeedTube
 from ttempc.reference.headland import headland
 from ttempc.reference.path import Path as ReferencePath
 from ttempc.reference.path import figure_eight, straight
-from ttempc.reference.reference import ConstantSpeed, SpeedProfile
-from ttempc.reference.smoothing import smooth
+from ttempc.reference.reference import ConstantSpeed, SpeedProfile, is_comfortable
+from ttempc.reference.smoothing import smooth, thinned
 from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor
 from ttempc.types import FloatArray
+from ttempc.vehicle import Vehicle
 
 from ...testbed.configuration.config_io import (
     STRICT,
@@ -40,6 +42,9 @@ MOST_M: Final = 100_000
 MOST_TICKS: Final = 1_000_000
 """Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
 _ROUNDING = 1e-9  # of half widths
+_LINE_STEP_M: Final = 0.1  # between the points of a path as a line
+_SLOWEST_MPS: Final = 0.1
+"""Slowest speed of a reference; one that stands has no direction to be tracked in."""
 
 
 @stdlib_dataclass(frozen=True, slots=True)
@@ -51,15 +56,30 @@ class Mission:
     reverse: bool  # in reverse gear, from the end of the path to its beginning
     notes: tuple[str, ...] = ()  # lines for the log
     frame: MapFrame = DEFAULT_FRAME  # place of the map on the earth
+    line: FloatArray | None = None  # (n, 2) [m] as given, in driving order; None: the path itself
 
     @classmethod
     def along(
-        cls, path: ReferencePath, speed: SpeedProfile, *, reverse: bool, notes: tuple[str, ...] = ()
+        cls,
+        path: ReferencePath,
+        speed: SpeedProfile,
+        *,
+        reverse: bool,
+        notes: tuple[str, ...] = (),
+        line: FloatArray | None = None,
     ) -> Mission:
         """Return the mission along `path` from its beginning; `reverse`: in reverse gear."""
         if reverse:
             path, speed = path.reversed(), Backward(speed, path.length_m)
-        return cls(path, speed, reverse, notes)
+        return cls(path, speed, reverse, notes, line)
+
+    def driven_line(self) -> FloatArray:
+        """Return the line that was given, in driving order, (n, 2) [m]; all laps of a path."""
+        if self.line is not None:
+            return self.line
+        length_m = self.path.length_m
+        along = np.linspace(0.0, length_m, math.ceil(length_m / _LINE_STEP_M) + 1)
+        return self.path.pose(along[::-1] if self.reverse else along)[:, :2]
 
     def check_size(self, period_s: float) -> None:
         """Refuse a path that is too long for a run with this control period [s]."""
@@ -177,7 +197,7 @@ class Headland(_ClosedForm):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class FilePath:
-    """A smooth path through the points of a waypoint file."""
+    """The line through the points of a waypoint file, smoothed as far as the tractor needs it."""
 
     kind: Literal["file"] = "file"
     """Kind of path."""
@@ -187,7 +207,7 @@ class FilePath:
     line: str = ""
     """Name or number of the line, where the file has several."""
     max_deviation_m: LengthM = 0.1
-    """Largest distance of the smoothed path from the line through the points."""
+    """Largest distance of the path from the line through the points, where it must be smoothed."""
     speed_mps: SpeedMps | None = None
     """Speed along the path; absent: the speeds of the file, 1.0 if it has none."""
     acceleration_mps2: Positive = 0.1
@@ -195,26 +215,72 @@ class FilePath:
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
 
-    def mission(self, field: FieldSettings, field_m: tuple[float, float] | None = None) -> Mission:
-        """Return path, speed and gear; `field_m` is the extent, west-east and south-north, in which
-        all points must lie, None where it is not known.
+    def mission(
+        self,
+        field: FieldSettings,
+        vehicle: Vehicle,
+        field_m: tuple[float, float] | None = None,
+    ) -> Mission:
+        """Return path, speed and gear.
+
+        The path is the nearest to the points that the tractor of `vehicle` can drive with reserves.
+        `field_m` is the extent, west-east and south-north, in which all points must lie, None where
+        it is not known.
         """
         file = Path(self.file)
         waypoints = read_waypoints(file, field, self.line)
+        points = waypoints.points
         if field_m is not None:
-            _check_on_field(waypoints.points, field_m)
-        smoothed = smooth(waypoints.points, self.max_deviation_m)
-        if self.speed_mps is None and waypoints.speed is not None:
-            speed = PlannedSpeed(smoothed.distance_m, waypoints.speed, self.acceleration_mps2)
-        else:
-            speed = ConstantSpeed(self.speed_mps or 1.0)
-        note = (
-            f"path: {len(waypoints.points)} points of {file.name}, smoothed within "
-            f"{100.0 * smoothed.deviation_m:.1f} cm of the line through them"
+            _check_on_field(points, field_m)
+        kept = thinned(points)
+        speeds, notes = self._speeds(waypoints.speed, kept)
+        fastest = float(np.max(speeds))
+
+        def suits(path: ReferencePath) -> bool:
+            return is_comfortable(path, vehicle, fastest)
+
+        smoothed = smooth(points[kept], self.max_deviation_m, suits)
+        speed: SpeedProfile = ConstantSpeed(fastest)
+        if len(speeds) > 1:
+            speed = PlannedSpeed(smoothed.distance_m, speeds, self.acceleration_mps2)
+        if len(kept) < len(points):
+            notes = (f"path: {len(points) - len(kept)} points too near to another dropped", *notes)
+        along = f"within {100.0 * smoothed.deviation_m:.1f} cm of the line through them"
+        driven = f"path: {len(points)} points of {file.name}, driven {along}"
+        notes = (driven, *notes, *waypoints.notes)
+        mission = Mission.along(
+            smoothed.path, speed, reverse=self.reverse, notes=notes, line=points
         )
-        notes = (note, *waypoints.notes)
-        mission = Mission.along(smoothed.path, speed, reverse=self.reverse, notes=notes)
         return replace(mission, frame=waypoints.frame)
+
+    def _speeds(
+        self, given: FloatArray | None, kept: NDArray[np.intp]
+    ) -> tuple[FloatArray, tuple[str, ...]]:
+        """Return the speed of each point that is kept, or one of all, and notes.
+
+        Raises:
+            InvalidScenario: the speeds change the gear.
+        """
+        if self.speed_mps is not None or given is None:
+            return np.array([self.speed_mps or 1.0]), ()
+        backward = np.flatnonzero(given < 0.0)
+        if len(backward):
+            cure = "split the file into a forward path and one with path.reverse = true"
+            if len(backward) == len(given):
+                cure = "give speeds above 0 and path.reverse = true"
+            raise InvalidScenario(
+                f"path: speed {given[backward[0]]:g} m/s at point {backward[0]}: a path is driven "
+                f"in one gear; {cure}"
+            )
+        speeds = np.maximum(given[kept], _SLOWEST_MPS)
+        slow = int(np.sum(given < _SLOWEST_MPS))
+        if not slow:
+            return speeds, ()
+        note = (
+            f"path: speeds below {_SLOWEST_MPS:g} m/s at {slow} points driven at that speed, since "
+            "a reference that stands cannot be tracked"
+        )
+        return speeds, (note,)
 
 
 def _check_on_field(points: FloatArray, field_m: tuple[float, float]) -> None:

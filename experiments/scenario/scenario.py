@@ -84,8 +84,9 @@ class Scenario:
         """
         terrain = self.terrain
         if isinstance(self.path, FilePath):
+            # the size of a height map is not known before it is read
             size_m = None if terrain.height_map else (terrain.size_x_m, terrain.size_y_m)
-            mission = self.path.mission(self.field, size_m)
+            mission = self.path.mission(self.field, self.vehicles().model, size_m)
         else:
             mission = replace(self.path.mission(), frame=self.field.frame())
         mission.check_size(self.control.period_s)

@@ -126,8 +126,8 @@ TUBE: Final = Channel(
 )
 SOLVER: Final = Channel(
     "/mpc/info",
-    "the QP of this tick: 1 where accepted, iterations, residuals, status (0: closed form, no solver "
-    "needed; 1: solved; 2: solved with soft bounds; above: why not); 1 in a fallback",
+    "the QP of this tick: 1 where accepted, iterations, residuals, status (0: closed form, no "
+    "solver needed; 1: solved; 2: solved with soft bounds; above: why not); 1 in a fallback",
     ("accepted", "iterations", "primal_residual", "dual_residual", "status", "fallback"),
 )
 TIMING: Final = Channel(
@@ -160,6 +160,13 @@ CORRIDOR: Final = Channel(
     "the true points to the left of their paths (tool: NaN where it is raised), limit of |beta|",
     ("half_width_m", "tractor_m", "trailer_m", "tool_m", "hitch_limit_rad"),
 )
+LINE: Final = Channel(
+    "/line",
+    "offsets to the left of the line as given, of the true points (tool: NaN where it is raised) "
+    "and of the references of both axle points",
+    ("tractor_m", "trailer_m", "tool_m", "tractor_reference_m", "trailer_reference_m"),
+)
+"""Where the reference is not that line: of a path file, and of a trailer that leaves its line."""
 
 _POINT_ERRORS: Final = ("along_m", "cross_m", "euclidean_m", "heading_rad")
 ERROR: Final = Channel(
@@ -172,7 +179,7 @@ ERROR: Final = Channel(
 
 CHANNELS: Final = (
     *(STATE, REFERENCE, MEASUREMENT, ESTIMATE, CONTROL, TRACKING, TUBE),
-    *(SOLVER, TIMING, TYRES, TOOL, CORRIDOR),
+    *(SOLVER, TIMING, TYRES, TOOL, CORRIDOR, LINE),
 )
 
 _UNITS: Final = {

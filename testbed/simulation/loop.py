@@ -135,8 +135,8 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     sink.rows(channels.TYRES, times, moments.rows[:, TYRE_COLUMNS])
     if moments.tools.size:
         sink.rows(channels.TOOL, times, channels.tool_rows(moments.tools, references))
-    if setup.corridor_rows is not None:
-        sink.rows(channels.CORRIDOR, times, setup.corridor_rows(moments))
+    for channel, judged in setup.judges:
+        sink.rows(channel, times, judged(moments, references))
 
 
 def log_timing(setup: SimulationSetup, tick: TickContext) -> None:

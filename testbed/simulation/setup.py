@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from ttempc.layout import SAMPLE, measurements_of
 from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement, VehicleGuidance
 
 from ..ground.terrain import Terrain
+from ..recording.channels import Channel
 from ..recording.record import Sink
 from ..sensing.sensors import SensorSuite
 from ..truth import Truth, TruthBlock
@@ -39,8 +40,9 @@ class SimulationSetup:
     # Whether the command of a step that took longer than its period acts as much later
     realtime: bool = False
     deadline: Deadline = field(default_factory=Deadline)  # of the guidance
-    # Rows of `CORRIDOR` for moments in the order of time; None on free ground
-    corridor_rows: Callable[[TruthBlock], FloatArray] | None = None
+    # Further channels, each with a function from moments in the order of time and the rows of
+    # their reference to its rows
+    judges: Sequence[tuple[Channel, Callable[[TruthBlock, FloatArray], FloatArray]]] = ()
 
     def reference_row(self, step: int, x: float, y: float) -> FloatArray:
         """Return the row of the reference for a tractor at (x, y) [m] and a step of the reference.

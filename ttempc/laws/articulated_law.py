@@ -97,9 +97,7 @@ _TINY: Final = 1e-30  # keeps the autocorrelation of a signal of zeros finite
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
-def advance(
-    k: int, stages: Stages, state: FloatArray, inputs: FloatArray, to: FloatArray
-) -> None:
+def advance(k: int, stages: Stages, state: FloatArray, inputs: FloatArray, to: FloatArray) -> None:
     """Write the error (7,) that follows on `state` (16,) and `inputs` (3,) of tick `k`."""
     for i in range(_N):
         total = 0.0

@@ -1,7 +1,6 @@
 """Time-based reference of tractor and trailer along a path, with its inputs."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, Literal, Protocol
 
@@ -13,230 +12,62 @@ from ..types import FloatArray, Input, Shared, State
 from ..vehicle import Vehicle
 from .corridor import Corridor
 from .path import Path
+from .posture import Posture, place_on, posture_on_path
+from .towed import tow, towed_posture
 
-_ITERATIONS = 12  # Newton from the straight posture needs 3 to 4, more on sharp paths
-_CLOSED_M = 1e-9  # tolerance of the drawbar's length; the next Newton step squares it
-_CHECK_STEP_M = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class Posture:
-    """Posture of the vehicle with tractor point and guided point on their lines.
-
-    (...) is the shape of the arc lengths of the tractor point. Derivatives are by the travel of the
-    tractor point and so independent of the speed.
-    """
-
-    distance_i: FloatArray  # (...) arc length of the trailer point [m]
-    pose_t: FloatArray  # (..., 3) x, y [m] and heading [rad] of the tractor
-    pose_i: FloatArray  # (..., 3) the same of the trailer, at its guided point
-    curvature_t: FloatArray  # (...) of the path at the tractor point [1/m]
-    curvature_i: FloatArray  # (...) change of the trailer's heading along the path [1/m]
-    psi_d: FloatArray  # (...) heading of the drawbar [rad], continuous with the tractor's
-    delta_t: FloatArray  # (...) front steering [rad]
-    delta_t_per_m: FloatArray  # (...) its derivative [rad/m]
-    delta_i_per_m: FloatArray  # (...) derivative of the trailer steering [rad/m]
-    travel_ratio: FloatArray  # (...) travel of the trailer point per travel of the tractor point
-
-    @property
-    def beta(self) -> FloatArray:
-        """Hitch angle psi_t - psi_d [rad], (...)."""
-        return self.pose_t[..., 2] - self.psi_d
-
-    @property
-    def delta_i(self) -> FloatArray:
-        """Trailer steering psi_d - psi_i [rad], (...)."""
-        return self.psi_d - self.pose_i[..., 2]
+_CHECK_STEP_M: Final = 0.1
 
 
-def posture_on_path(
+def posture(
     path: Path, vehicle: Vehicle, distance: ArrayLike, behind_m: float | None = None
 ) -> Posture:
-    """Return the posture with the tractor point at arc length `distance` [m] of `path`.
-
-    The trailer point is on the path and the trailer along it. With `behind_m` the trailer point
-    is a guided point, and it follows its line at an angle to it, see `trailer_drift`, where
-    D = -c (`Vehicle.trailer_turning_offset`). The drawbar joins RJ1 and RJ2,
-
-        RJ1 = p_t - a e(psi_t),   RJ2 = p_i + L_i e(psi_i),   |RJ1 - RJ2| = d.
-
-    Newton's method solves this for the arc length of the trailer. Travel ratio and turning rates
-    follow by differentiation along and across the drawbar.
+    """Return the posture at arc length `distance` [m]: both points on their lines, or towed.
 
     Raises:
-        InvalidPath: no trailer position behind the tractor satisfies this, the path is too tight.
+        InvalidPath: the trailer can neither follow the path nor be towed along it.
     """
-    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
-    s_t = np.asarray(distance, dtype=float)
-    pose_t, kappa_t = path.pose(s_t), path.curvature(s_t)
-    rj1 = pose_t[..., :2] - a * _unit(pose_t[..., 2])
-
-    s_i = s_t - (a + d + length_i) + (behind_m or 0.0)
-    drift_at, behind = _drift_at(path, vehicle, behind_m, s_i), behind_m or 0.0
-    for _ in range(_ITERATIONS):
-        pose_i, kappa_i, drawbar, forward, left = _drawbar(
-            path, vehicle, rj1, s_i, behind, drift_at
-        )
-        along = _unit(pose_i[..., 2])
-        rj2_per_m = forward[..., None] * along + left[..., None] * _normal(along)
-        gap = np.sum(drawbar**2, axis=-1) - d**2
-        s_i = s_i + gap / (2.0 * np.sum(drawbar * rj2_per_m, axis=-1))
-        if np.max(np.abs(gap)) < _CLOSED_M * d:
-            break
-    pose_i, kappa_i, drawbar, forward, left = _drawbar(path, vehicle, rj1, s_i, behind, drift_at)
-    misfit = np.abs(np.hypot(drawbar[..., 0], drawbar[..., 1]) - d)
-    if not np.all(misfit < _CLOSED_M):  # NaN counts as a misfit
-        worst = float(np.ravel(s_t)[np.argmax(misfit)])
-        raise InvalidPath(f"no posture fits the path with the tractor at {_place(path, worst)}")
-
-    psi_t, psi_i = pose_t[..., 2], pose_i[..., 2]
-    psi_d = np.arctan2(drawbar[..., 1], drawbar[..., 0])
-    psi_d = psi_d + math.tau * np.round((psi_t - psi_d) / math.tau)
-    beta, delta_i = psi_t - psi_d, psi_d - psi_i
-    # d(RJ1)/ds = e_t - a kappa_t n_t and d(RJ2)/ds = ratio (forward e_i + left n_i) agree along
-    # the drawbar; their difference across it turns the drawbar.
-    ratio = (np.cos(beta) + a * kappa_t * np.sin(beta)) / (
-        forward * np.cos(delta_i) + left * np.sin(delta_i)
-    )
-    across_1 = np.sin(beta) - a * kappa_t * np.cos(beta)
-    across_2 = ratio * (left * np.cos(delta_i) - forward * np.sin(delta_i))
-    wheelbase = vehicle.wheelbase
-    return Posture(
-        distance_i=s_i,
-        pose_t=pose_t,
-        pose_i=pose_i,
-        curvature_t=kappa_t,
-        curvature_i=kappa_i,
-        psi_d=psi_d,
-        delta_t=np.arctan(wheelbase * kappa_t),
-        delta_t_per_m=wheelbase * path.curvature_derivative(s_t) / (1 + (wheelbase * kappa_t) ** 2),
-        delta_i_per_m=(across_1 - across_2) / d - ratio * kappa_i,
-        travel_ratio=ratio,
-    )
+    towed = tow(path, vehicle, behind_m)
+    if towed is None:
+        return posture_on_path(path, vehicle, distance, behind_m)
+    return towed_posture(path, vehicle, towed, distance)
 
 
-_DRIFT_STEP_M: Final = 0.02
-_DRIFT_REACH: Final = 25.0  # lengths over which the far end is forgotten, to e^-25
-_DRIFT_MARGIN_M: Final = 3.0  # by which Newton may leave its first guess
-_DRIFT_ITERATIONS: Final = 6  # each reduces the rest to some hundredths
-_LEAST_LEVER_M: Final = 1e-3
+def check_drivable(path: Path, vehicle: Vehicle, front_share: float = 0.9) -> None:
+    """Refuse a path that needs more steering than the tractor has, or folds the trailer.
 
-
-def trailer_drift(path: Path, ahead_m: float, behind_m: float, s: FloatArray) -> FloatArray:
-    """Return phi = psi_path - psi_i [rad] at equidistant arc lengths `s` (n,) of the guided point.
-
-    This point follows the line p(s) - g e(psi_path), g = `behind_m`, as a tool g behind the
-    trailer point does where that is on the path. The trailer does not move sideways in a place
-    D = `ahead_m` ahead of the guided point, or behind it for D < 0. With the curvature kappa
-
-        phi' = kappa + sqrt(1 + g^2 kappa^2) / D sin(phi - atan(g kappa)).
-
-    Of its solutions one does not grow along the path: for D > 0 that which is at rest in the end,
-    so that the trailer turns before its path does, for D < 0 that which is so in the beginning.
-    """
-    order = slice(None, None, -1 if ahead_m > 0.0 else 1)  # from where phi is at rest
-    kappa, rate = path.curvature(s[order]), 1.0 / abs(ahead_m)
-    gain, steady = rate * np.hypot(1.0, behind_m * kappa), np.arctan(behind_m * kappa)
-    turn = -math.copysign(1.0, ahead_m) * kappa
-    # phi' = r - rate phi along this order, exact for r linear between samples
-    decay = math.exp(-rate * (s[1] - s[0]))
-    mean = (1.0 - decay) / (rate * (s[1] - s[0]))
-    phi = steady
-    for _ in range(_DRIFT_ITERATIONS):
-        r = turn + rate * phi - gain * np.sin(phi - steady)
-        phi = np.append(r[0], (1.0 - mean) * r[1:] + (mean - decay) * r[:-1]) / rate
-        reach, factor = 1, decay
-        while reach < len(s) and factor > 0.0:  # sums over all samples before, by doubling
-            phi[reach:] = phi[reach:] + factor * phi[:-reach]
-            reach, factor = 2 * reach, factor * factor
-    return phi[order]
-
-
-def check_drivable(
-    path: Path, vehicle: Vehicle, front_share: float = 0.9, trailer_share: float = 1.05
-) -> None:
-    """Refuse a path that needs more steering than the vehicle has.
-
-    The path may need `front_share` of the front steering's stop; the rest is left for feedback. It
-    may need `trailer_share` of the trailer's stop, which can be above 1: a trailer at its stop runs
-    only some centimetres inside the curve (5 % of 25 deg are about 3 cm at R = 6 m).
+    The path may need `front_share` of the front steering's stop; the rest is left for feedback. A
+    trailer whose steering does not suffice is towed beside the line.
 
     Raises:
         InvalidPath: with the place, the angle that is needed and the one that is allowed.
     """
     count = math.ceil(path.length_m / _CHECK_STEP_M) + 1
     along = np.linspace(0.0, path.length_m, count)
-
-    def check(name: str, angle: FloatArray, allowed: float, share: float) -> None:
-        worst = int(np.argmax(np.abs(angle)))
-        if abs(angle[worst]) > allowed:
-            raise InvalidPath(
-                f"path too tight at {_place(path, along[worst])}: {name} would need "
-                f"{math.degrees(abs(angle[worst])):.1f} deg, allowed are "
-                f"{math.degrees(allowed):.1f} deg ({share:.0%} of its stop)"
-            )
-
-    delta_t = np.arctan(vehicle.wheelbase * path.curvature(along))
-    check("front steering", delta_t, front_share * vehicle.steering_limit_t, front_share)
-    delta_i = posture_on_path(path, vehicle, along).delta_i
-    check("trailer steering", delta_i, trailer_share * vehicle.steering_limit_i, trailer_share)
+    angle = np.abs(np.arctan(vehicle.wheelbase * path.curvature(along)))
+    worst, allowed = int(np.argmax(angle)), front_share * vehicle.steering_limit_t
+    if angle[worst] > allowed:
+        raise InvalidPath(
+            f"path too tight at {place_on(path, float(along[worst]))}: front steering would need "
+            f"{math.degrees(angle[worst]):.1f} deg, allowed are "
+            f"{math.degrees(allowed):.1f} deg ({front_share:.0%} of its stop)"
+        )
+    tow(path, vehicle)
 
 
-def _place(path: Path, distance: float) -> str:
-    x, y, _ = path.pose(distance)
-    return f"s = {distance:.1f} m (x = {x:.1f}, y = {y:.1f} m)"
+_COMFORTABLE_RATE: Final = 0.25  # share of the rate of the front steering; assumed
 
 
-def _drift_at(
-    path: Path, vehicle: Vehicle, behind_m: float | None, s_i: FloatArray
-) -> Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return a function from arc length and curvature to `trailer_drift` and the turn psi_i'."""
-    if behind_m is None:
-        return lambda s, kappa: (np.zeros_like(s), kappa)
-    ahead = -vehicle.trailer_turning_offset
-    ahead = math.copysign(max(abs(ahead), _LEAST_LEVER_M), ahead)
-    margin = _DRIFT_REACH * abs(ahead) + _DRIFT_MARGIN_M
-    table = np.arange(float(s_i.min()) - margin, float(s_i.max()) + margin, _DRIFT_STEP_M)
-    drift = trailer_drift(path, ahead, behind_m, table)
+def is_comfortable(path: Path, vehicle: Vehicle, speed_mps: float) -> bool:
+    """Return whether the tractor can drive a path with reserves, at a speed [m/s].
 
-    def at(s: FloatArray, kappa: FloatArray) -> tuple[FloatArray, FloatArray]:
-        phi = np.interp(s, table, drift)
-        return phi, (behind_m * kappa * np.cos(phi) - np.sin(phi)) / ahead
-
-    return at
-
-
-def _drawbar(
-    path: Path,
-    vehicle: Vehicle,
-    rj1: FloatArray,
-    s_i: FloatArray,
-    behind_m: float,
-    drift_at: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return what belongs to the trailer at `s_i`.
-
-    That is its pose (..., 3), its turn psi_i' along the path, the vector RJ2 -> RJ1 (..., 2), and
-    the travel of RJ2 per metre of path, along and across the trailer.
+    The front steering then needs at most 90 % of its stop and 25 % of its rate.
     """
-    pose_i, kappa = path.pose(s_i), path.curvature(s_i)
-    phi, turn = drift_at(s_i, kappa)
-    pose_i[..., :2] -= behind_m * _unit(pose_i[..., 2])
-    pose_i[..., 2] -= phi
-    rj2 = pose_i[..., :2] + vehicle.trailer_length * _unit(pose_i[..., 2])
-    forward = np.cos(phi) + behind_m * kappa * np.sin(phi)
-    left = np.sin(phi) - behind_m * kappa * np.cos(phi) + vehicle.trailer_length * turn
-    return pose_i, turn, rj1 - rj2, forward, left
-
-
-def _unit(angle: FloatArray) -> FloatArray:
-    """Return e(angle), (..., 2)."""
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-def _normal(unit: FloatArray) -> FloatArray:
-    """Return `unit` turned left by a right angle, (..., 2)."""
-    return np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
+    along = np.linspace(0.0, path.length_m, math.ceil(path.length_m / _CHECK_STEP_M) + 1)
+    bent = vehicle.wheelbase * path.curvature(along)
+    if np.max(np.arctan(np.abs(bent))) > 0.9 * vehicle.steering_limit_t:
+        return False
+    rate = speed_mps * vehicle.wheelbase * path.curvature_derivative(along) / (1.0 + bent**2)
+    return bool(np.max(np.abs(rate)) <= _COMFORTABLE_RATE * vehicle.steering_rate_t)
 
 
 class SpeedProfile(Protocol):
@@ -309,6 +140,8 @@ class ReferenceSample:
 class Reference(Shared):
     """Both axle points of the vehicle on one path, as functions of time.
 
+    A trailer whose steering does not suffice, or is absent, is beside it in turns, see `tow`.
+
     The steering inputs lead the steering angles by the actuators' lags and the hydrostat leads
     the speed, so that the articulated model fed with them stays on the reference:
 
@@ -361,24 +194,28 @@ class Reference(Shared):
         times = np.asarray(time_s, dtype=float)
         vehicle = self.vehicle
         distance, v, acceleration = self.speed.travel(times + self.lead_s)
-        posture = posture_on_path(self.path, vehicle, distance, self.guided_behind_m)
-        speed_i = posture.travel_ratio * v
-        delta_t, delta_i = posture.delta_t, posture.delta_i
-        lead_t = vehicle.steering_lag_t * v * posture.delta_t_per_m
-        lead_i = vehicle.steering_lag_i * v * posture.delta_i_per_m
+        at = posture(self.path, vehicle, distance, self.guided_behind_m)
+        speed_i = at.travel_ratio * v
+        delta_t, delta_i = at.delta_t, at.delta_i
+        lead_t = vehicle.steering_lag_t * v * at.delta_t_per_m
+        command_i = delta_i + vehicle.steering_lag_i * v * at.delta_i_per_m
+        if tow(self.path, vehicle, self.guided_behind_m) is not None:
+            # the reference of a towed trailer is near its stop, and leads it for a moment
+            stop = vehicle.steering_limit_i
+            command_i = np.clip(command_i, -stop, stop)
         hp = (v + vehicle.speed_time_constant * acceleration) / vehicle.speed_gain
-        x, y, psi_t = np.moveaxis(posture.pose_t, -1, 0)
-        psi_i = posture.pose_i[..., 2]
+        x, y, psi_t = np.moveaxis(at.pose_t, -1, 0)
+        psi_i = at.pose_i[..., 2]
         return ReferenceSample(
             time_s=times,
             distance_m=distance,
-            curvature=posture.curvature_t,
+            curvature=at.curvature_t,
             state=np.stack([x, y, psi_t, psi_i, delta_t, delta_i, v], axis=-1),
-            inputs=np.stack([delta_t + lead_t, delta_i + lead_i, hp], axis=-1),
-            trailer_xy=posture.pose_i[..., :2],
-            hitch_angle=posture.beta,
-            yaw_rate_t=posture.curvature_t * v,
-            yaw_rate_i=posture.curvature_i * speed_i,
+            inputs=np.stack([delta_t + lead_t, command_i, hp], axis=-1),
+            trailer_xy=at.pose_i[..., :2],
+            hitch_angle=at.beta,
+            yaw_rate_t=at.curvature_t * v,
+            yaw_rate_i=at.curvature_i * speed_i,
             speed_i=speed_i,
         )
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from ....testbed.recording.record import Record
 from ...results.summary import Summary
-from ...results.table import COLUMNS, format_corridor
+from ...results.table import COLUMNS, format_corridor, format_line
 from ...results.tracking_errors import START_UP_S
 from ..figures import CAPTIONS
 from .html import Picture, environment
@@ -108,4 +108,6 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
     for name, form in _FACTS.items():
         with contextlib.suppress(AttributeError, TypeError):  # of a None
             facts.append((name, form.format(s=summary)))
+    if summary.line:
+        facts.append(("line as given", format_line(summary.line)))
     return facts + ([("corridor", format_corridor(summary.corridor))] if summary.corridor else [])

@@ -68,7 +68,7 @@ def test_offsets_are_distances_from_the_path_whatever_the_time():
     judge = CorridorJudge(corridor, rows, times)
     for time in np.arange(4.0, 39.0, 0.7):
         driven = moments(truth_at(time - 1.3, 0.07, radius, behind=0.6))
-        ((half_width, *offsets, limit),) = judge.rows(driven)
+        ((half_width, *offsets, limit),) = judge.rows(driven, rows)
         np.testing.assert_allclose(offsets, 0.07, atol=1e-4)
         assert limit == 0.5
         assert (half_width == 0.1) == (10.0 <= time - 1.3 < 20.0)

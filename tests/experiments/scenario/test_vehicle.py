@@ -76,7 +76,7 @@ def test_impossible_vehicles_are_refused_in_one_line():
 
 def test_a_path_that_the_large_vehicle_cannot_steer_is_refused_with_its_place():
     assemble(load("farm")[1], 1)
-    tight = load("farm", ["path.radius_m=4.0"])[1]
+    tight = load("farm", ["path.radius_m=3.0"])[1]
     with pytest.raises(InvalidPath, match=r"path too tight at s = .* steering would need"):
         assemble(tight, 1)
     fast = load("farm", ["path.speed_mps=3.2"])[1]

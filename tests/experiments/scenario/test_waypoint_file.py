@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidWaypoints
-from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.formats.field import FieldSettings
+from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.waypoint_file import read_waypoints
 
@@ -105,17 +105,18 @@ def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatc
     summary, record = simulate(*load(str(file)), seed=2)
     assert summary.status == "completed"
     assert summary.tracking.all.tractor.max_m < 0.15
-    assert any("42 points of bend.csv, smoothed within" in event.text for event in record.events)
+    assert any("42 points of bend.csv, driven within" in event.text for event in record.events)
 
 
 def test_bad_paths_get_one_line_with_the_place_and_nothing_is_written(tmp_path, capsys):
     for number, (content, extra, message) in enumerate(
         (
             (None, "", "bend.csv: cannot be read"),
-            (bend(3.0), "", "path too tight at s ="),
-            (bend(12.0, speed=-1.0), "", "-1.0 m/s at point 2, s = 6.0"),
+            (bend(0.8), "", "reference too fast at s ="),
+            (bend(12.0, speed=-1.0), "", "-1 m/s at point 2: a path is driven in one gear; split"),
+            ("0 0 -1\n9 0 -1\n", "", "above 0 and path.reverse = true"),
+            ("0 0\n10 0\n0 0.1\n", "", "split it into a forward path"),
             (bend(12.0, speed=3.0), "", "1.4 m/s"),
-            ("0 0\n10 0\n10 0\n", "", "point 2 at x = 10.00, y = 0.00 m"),
             ("0 0\n38 0\n", "", "leaves at s = 36."),
             ("0 0\n60 0\n", "", "point 1 of 2 at x = 60, y = 0 m"),
             ("0 0\n10 0\n", "max_deviation_m = 0.0", "path.max_deviation_m: "),
@@ -132,3 +133,52 @@ def test_bad_paths_get_one_line_with_the_place_and_nothing_is_written(tmp_path, 
         assert message in printed
         assert len(printed.strip().splitlines()) == 1
         assert sorted(folder.iterdir()) == before
+
+
+def test_what_a_recorder_leaves_is_driven_with_a_note(tmp_path):
+    """Repeated points and those of a standing vehicle, with the speeds there."""
+    lines = bend(12.0).splitlines()
+    standing = [" ".join([*lines[20].split()[:2], "0.0"])] * 30
+    written(tmp_path, "\n".join([*lines[:20], *standing, *lines[20:]]), "bend.csv")
+    mission = load(str(scenario(tmp_path)))[1].mission()
+    assert any("30 points too near to another dropped" in note for note in mission.notes)
+    assert any("30 points driven at that speed" in note for note in mission.notes)
+    _, speed, _ = mission.speed.travel(np.linspace(0.0, 60.0, 601))
+    assert speed.min() > 0.0
+
+
+def test_errors_are_also_those_to_the_line_as_given(tmp_path):
+    """A corner of 10 deg: the reference cuts it within 10 cm, and both are in the summary."""
+    corner = [(0.0, 0.0), (9.0, 0.0), (18.0, 18.0 * math.tan(math.radians(5.0)))]
+    written(tmp_path, "\n".join(f"{x} {y}" for x, y in corner), "bend.csv")
+    summary, record = simulate(*load(str(scenario(tmp_path))), seed=2)
+    assert summary.line is not None
+    assert summary.corridor is None
+    reference = record["/line"]["tractor_reference_m"]
+    assert summary.line.tractor_reference.max_m == pytest.approx(np.abs(reference).max())
+    assert 0.0 < summary.line.tractor_reference.max_m <= 0.1
+    offset = record["/line"]["tractor_m"][200]
+    x, y = (record["/state"][name][200] for name in ("x_t_m", "y_t_m"))
+    ahead = 1 if x > 9.0 else 0
+    (x_0, y_0), (x_1, y_1) = corner[ahead : ahead + 2]
+    length = math.hypot(x_1 - x_0, y_1 - y_0)
+    expected = ((x_1 - x_0) * (y - y_0) - (y_1 - y_0) * (x - x_0)) / length
+    assert offset == pytest.approx(expected, abs=0.005)
+
+
+def test_a_u_turn_of_5_m_is_driven_with_the_trailer_beside_it(tmp_path):
+    angle = np.linspace(0.0, math.pi, 40)
+    arc = [(5.0 * math.sin(a), -5.0 * math.cos(a)) for a in angle]
+    points = [
+        *((float(x), -5.0) for x in range(-10, 0)),
+        *arc,
+        *((-1.0 - x, 5.0) for x in range(9)),
+    ]
+    written(tmp_path, "\n".join(f"{x} {y}" for x, y in points), "bend.csv")
+    summary, record = simulate(*load(str(scenario(tmp_path))), seed=7)
+    assert summary.status == "completed"
+    assert any("leaves the line of the tractor by up to" in event.text for event in record.events)
+    line = summary.line
+    assert line.tractor.p95_m < 0.06
+    assert 0.05 < line.trailer_reference.max_m < 0.2
+    assert summary.tracking.all.trailer.cross_p95_m < 0.06  # to its own reference
