@@ -71,7 +71,7 @@ class Mission:
         """Return the mission along `path` from its beginning; `reverse`: in reverse gear."""
         if reverse:
             path, speed = path.reversed(), Backward(speed, path.length_m)
-        return cls(path, speed, reverse, notes, line)
+        return cls(path, speed, reverse, notes, line=line)
 
     def driven_line(self) -> FloatArray:
         """Return the line that was given, in driving order, (n, 2) [m]; all laps of a path."""
