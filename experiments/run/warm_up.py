@@ -39,7 +39,7 @@ def _compile() -> None:
     from ttempc.estimation.filter import ROW, correct, filter_parameters
     from ttempc.estimation.noise import ProcessNoise, SensorNoise
     from ttempc.jit.rows import WIDTH
-    from ttempc.types import Command, WarmingUp
+    from ttempc.types import Command
     from ttempc.vehicle import Vehicle
 
     parameters = filter_parameters(Vehicle(), SensorNoise(), ProcessNoise())
@@ -51,9 +51,7 @@ def _compile() -> None:
 
     _, scenario = load("grass", ["path={kind='straight', length_m=6}"])
     assembly = assemble(scenario, seed=1)
-    for part in (assembly.guidance._parts.controller, assembly.guidance._monitors):
-        if isinstance(part, WarmingUp):
-            part.warm_up()
+    assembly.guidance.warm_up()
     assembly.plant.restore(assembly.start)
     assembly.plant.advance(Command(0.0, 0.0, 0.0), 1)
 

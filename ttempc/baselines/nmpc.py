@@ -201,7 +201,7 @@ class NonlinearFeedback(FeedbackLaw):
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
 
     def resume(self, previous: object) -> None:
-        """Keep the last plan as the first guess, see `ttempc.types.Resuming`."""
+        """Keep the last plan as the first guess, see `ttempc.types.Controller.resume`."""
         if isinstance(previous, NonlinearFeedback):
             self._steps = previous._steps
 

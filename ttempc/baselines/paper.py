@@ -221,7 +221,7 @@ class PaperFeedback(FeedbackLaw):
         self._positions = np.ascontiguousarray(horizon.stages.outputs[:, POSITIONS])
 
     def resume(self, previous: object) -> None:
-        """Keep the input of the last tick, see `ttempc.types.Resuming`."""
+        """Keep the input of the last tick, see `ttempc.types.Controller.resume`."""
         if isinstance(previous, PaperFeedback):
             self._previous = previous._previous
 

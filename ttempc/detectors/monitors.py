@@ -10,7 +10,7 @@ from ..errors import InvalidTuning
 from ..layout import ALARM, ESTIMATE, INNOVATION, SAMPLE, measurements_of
 from ..models.augmented_state import vehicle_parameters
 from ..suggestion import did_you_mean
-from ..types import Command, Estimate, FloatArray, Sensor, WarmingUp
+from ..types import Command, Estimate, FloatArray, Sensor
 from ..vehicle import Vehicle
 from .board import ENDS, NO_ALARM, AlarmColumn
 from .drift import apparent_drift
@@ -91,9 +91,6 @@ class Monitors:
         rows, innovations = np.empty((0, SAMPLE)), np.empty((0, INNOVATION))
         command, estimate = np.full(3, math.nan), np.zeros(ESTIMATE.itemsize // 8)
         observe_detectors(parameters, state, rows, 0.0, command, estimate, innovations)
-        for detector in self._own:
-            if isinstance(detector, WarmingUp):
-                detector.warm_up()
 
     def observe(
         self,

@@ -17,7 +17,7 @@ from ..layout import (
     sample_rows,
 )
 from ..models.augmented_state import LENGTH, MAPPED, STATES, AugmentedState
-from ..types import Command, Estimate, FloatArray, Input, Measurement, Sensor
+from ..types import Command, Estimate, Estimator, FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
 from .filter import (
     HELD,
@@ -35,7 +35,7 @@ NO_CHANGE: Final = np.zeros(MAPPED)
 _NOT_KNOWN: Final = np.full(len(Input), math.nan)
 
 
-class ExtendedKalmanFilter:
+class ExtendedKalmanFilter(Estimator):
     """Estimate state and disturbance from time-stamped samples that may come late.
 
     Between samples the model of `augmented_state` runs under the command of that time: the

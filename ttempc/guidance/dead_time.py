@@ -22,7 +22,7 @@ from ..models.augmented_state import (
     write_estimate,
 )
 from ..reference.reference import Reference
-from ..types import Command, Controller, Estimate, FloatArray, Resuming, SpaceBased, WarmingUp
+from ..types import Command, Controller, Estimate, FloatArray
 from ..vehicle import CommandLimits, Vehicle
 
 _MOST_SLIP: Final = 0.9  # of the wheels, up to which an estimate is predicted
@@ -64,8 +64,7 @@ def resume(controller: Guided, previous: Guided, sent: Sequence[Command]) -> Non
         controller = controller.controller
     if isinstance(previous, DeadTimeCompensation):
         previous = previous.controller
-    if isinstance(controller, Resuming):
-        controller.resume(previous)
+    controller.resume(previous)
 
 
 class Lead(NamedTuple):
@@ -108,11 +107,10 @@ class DeadTimeCompensation:
         # Commands as they act together, the newest first; before the start those of the reference.
         count = whole + 3 + int(late[:, 0].max())
         self.commands: FloatArray = np.tile(start, (count, 1))
-        self.space_based = isinstance(controller, SpaceBased) and controller.space_based
+        self.space_based = controller.space_based
 
     def warm_up(self) -> None:
-        if isinstance(self.controller, WarmingUp):
-            self.controller.warm_up()
+        self.controller.warm_up()
         state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         self.predicted(estimate_row(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0)))
 

@@ -1,53 +1,56 @@
 """The control loop: reference -> filter -> controller (MPC) -> guard, a control period at a time.
 
 `Guidance.update` and `Guidance.step` are the whole loop, in the order in which data flows. What
-each call does is in the file of its object: `reference/reference.py`, `estimation/ekf.py`,
-`../detectors/`, `laws/tracking_controller.py` with `mpc/`, `supervisor.py`.
+each call does is in the file of its object:
+
+- `pipeline.py`: vehicle, reference, estimator and controller, and what is learnt of the vehicle
+- `../estimation/`: the filter
+- `../detectors/`: the detectors of faults
+- `supervisor.py`: the guard, and the limits of a command
+- `../laws/`, `../mpc/`: the controller
+- `dead_time.py`: compensation of the actuators' dead times around a controller
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
-from ..detectors.interface import Reaction
-from ..detectors.monitors import Detect, Monitors
-from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
-from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
-from ..estimation.noise import SensorNoise
-from ..layout import (
-    ALARM,
-    ESTIMATE,
-    INNOVATION,
-    estimate_row,
-    innovation_rows,
-    measurements_of,
-    sample_rows,
-)
-from ..learning.learner import Identifier
+from ..detectors.interface import Alarm, Detector, Reaction
+from ..detectors.monitors import Monitors
+from ..errors import GuidanceFailed, InvalidReference
+from ..layout import ALARM, ESTIMATE, INNOVATION, Innovations, estimate_view, sample_rows
 from ..reference.path import Path
 from ..reference.reference import ConstantSpeed, Reference, check_drivable, check_pace
-from ..types import Command, Estimate, Estimator, FloatArray, Input, Measurement, State, WarmingUp
+from ..types import (
+    Command,
+    ControlStep,
+    Diagnostics,
+    Estimate,
+    FloatArray,
+    Input,
+    Measurement,
+    State,
+)
 from ..vehicle import Vehicle
+from .clock import GuidanceClock
 from .controllers import EstimatorFactory
-from .dead_time import Guided
-from .parts import ControllerFactory, Parts
-from .supervisor import SafetyLimits, Supervisor, user_part
-from .views import GuidanceViews
-
-if TYPE_CHECKING:
-    from ..tube.reference_tube import TubeDesign
+from .own_parts import HasStep, HasUpdate
+from .pipeline import ControllerFactory, Pipeline, PipelineRecipe
+from .settings import GuidanceSettings
+from .state import GuidanceState
+from .supervisor import Supervisor, user_part
 
 _PSI_T: Final = (ESTIMATE.fields or {})["state"][1] // 8 + State.PSI_T
 _HEADINGS: Final = slice(_PSI_T, _PSI_T + 2)
 _WARN: Final = int(Reaction.WARN)  # an enumeration costs six calls a tick
 
 
-class Guidance(GuidanceViews):
+class Guidance:
     """Drives a vehicle along a reference, one control period after the other.
 
     Every period of `period_s`, call `update` with the samples that arrived since, then `step`:
@@ -81,18 +84,7 @@ class Guidance(GuidanceViews):
         controller: a name of `ttempc.CONTROLLERS`, a factory called with vehicle, reference and
             period [s], or a controller, which is asked as it is.
         estimator: a name of `ttempc.ESTIMATORS`, a factory of vehicle and noise, or an estimator.
-        options: keyword options of the controller by name or factory, such as `horizon`.
-        sensor_noise: standard deviations that the estimator assumes.
-        tube: of controllers that need or use one; without it `ttempc` tightens nothing.
-        safety: where the supervisor slows down and stops.
-        speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
-        learn: whether dead times, lags and lengths are learnt; or identifiers of your own.
-        learn_field: whether disturbances are learnt by place and known on the next pass over the
-            same line; or the `FieldMap.rows` of an earlier drive.
-        detect: whether the built-in detectors of faults run; or a list of the names of those that
-            run, of those that do not (`"-drift"`), and of detectors of your own beside them.
-        compensate: whether dead times are compensated around a controller by name or factory, see
-            `DeadTimeCompensation`; the estimator knows them.
+        settings: everything else, see `GuidanceSettings`.
 
     Raises:
         InvalidReference, InvalidPath: the vehicle cannot follow it: curvature, steering rates,
@@ -107,34 +99,26 @@ class Guidance(GuidanceViews):
         vehicle: Vehicle,
         reference: Reference | Path,
         period_s: float = 0.2,
-        controller: str | ControllerFactory | Guided = "ttempc",
-        estimator: str | EstimatorFactory | Estimator = "ekf",
-        *,
-        options: Mapping[str, object] | None = None,
-        sensor_noise: SensorNoise | None = None,
-        tube: TubeDesign | None = None,
-        safety: SafetyLimits | None = None,
-        speed_mps: float = 1.0,
-        learn: bool | Sequence[Identifier] = True,
-        learn_field: bool | FloatArray = False,
-        detect: Detect = True,
-        compensate: bool = True,
+        controller: str | ControllerFactory | HasStep = "ttempc",
+        estimator: str | EstimatorFactory | HasUpdate = "ekf",
+        settings: GuidanceSettings | None = None,
     ) -> None:
+        settings = settings or GuidanceSettings()
         if isinstance(reference, Reference) and reference.vehicle != vehicle:
             raise InvalidReference("reference: was made for another vehicle than the guidance")
         check_drivable(reference if isinstance(reference, Path) else reference.path, vehicle)
         if isinstance(reference, Path):
-            reference = Reference(reference, vehicle, ConstantSpeed(speed_mps))
+            reference = Reference(reference, vehicle, ConstantSpeed(settings.speed_mps))
         check_pace(reference, period_s)
         self.period_s = period_s
         self.tick = 0  # number of the next control tick
         self.reference_tick = 0  # of the reference at that tick: those that waited apart
-        given = vehicle, reference, period_s, controller, estimator, options
-        noise = sensor_noise or SensorNoise()
-        self._parts = Parts(*given, noise, tube, learn, learn_field, compensate)
-        self._monitors = Monitors(detect)
-        reasons = self._monitors.reason
-        self._supervisor = Supervisor(self._parts.controller, reference, period_s, safety, reasons)
+        recipe = PipelineRecipe(reference, period_s, controller, estimator, settings)
+        self._pipeline = Pipeline(vehicle, recipe)
+        self._monitors = Monitors(settings.detect)
+        self._supervisor = Supervisor(
+            self._pipeline.controller, reference, period_s, settings.safety, self._monitors.reason
+        )
         self._alarms = np.zeros((0, ALARM))  # of the detectors, since the last update
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
@@ -169,11 +153,11 @@ class Guidance(GuidanceViews):
         self._view = None
         self._filter(now, usable)
         self._time_s, self._stale = now, 0
-        estimate, vehicle = self.estimate_record, self._parts.vehicle
+        estimate, vehicle = self.estimate_record, self._pipeline.vehicle
         self._alarms = alarms = self._monitors.observe(
             rows, now, self._sent, estimate, self._innovations, vehicle, self._seen
         )
-        learner, field = self._parts.learner, self._parts.field
+        learner, field = self._pipeline.learner, self._pipeline.field
         faulty = bool(alarms.size and alarms[:, 0].max() > _WARN)
         if faulty:
             learner.forget()
@@ -233,9 +217,8 @@ class Guidance(GuidanceViews):
             GuidanceFailed: the estimator or the controller raised.
         """
         with user_part(GuidanceFailed, "warm_up raised"):
-            for part in (*self._parts.own, self._supervisor, self._monitors):
-                if isinstance(part, WarmingUp):
-                    part.warm_up()
+            for part in (self._pipeline, self._supervisor, self._monitors):
+                part.warm_up()
 
     def wait(self) -> None:
         """Wait for what is learnt and due at the next tick; nothing else waits for it.
@@ -244,7 +227,7 @@ class Guidance(GuidanceViews):
         the time that computing takes, without limit. A vehicle does not call it: `update` takes
         what was learnt when it is ready.
         """
-        self._parts.learner.wait(self.tick)
+        self._pipeline.learner.wait(self.tick)
 
     def prepare(self) -> None:
         """Do the work of the next `step` that needs no samples, where the controller can.
@@ -275,7 +258,7 @@ class Guidance(GuidanceViews):
 
     def _take_on_learnt(self) -> None:
         """Exchange the parts for those of learnt parameters, if such are due at this tick."""
-        new, notes = self._parts.exchange(self.tick, self._sent)
+        new, notes = self._pipeline.exchange(self.tick, self._sent)
         if new and new.estimator is not None:
             self._monitors.forget_pose()
         if new and new.controller is not None:
@@ -284,9 +267,9 @@ class Guidance(GuidanceViews):
 
     def _filter(self, now: float, rows: FloatArray) -> None:
         """Run the estimator; a user's gets objects, and its estimate is copied into the record."""
-        filter_ = self._parts.estimator
+        filter_ = self._pipeline.estimator
         if isinstance(filter_, ExtendedKalmanFilter) and type(filter_) is ExtendedKalmanFilter:
-            field = self._parts.field
+            field = self._pipeline.field
             change = NO_CHANGE if field is None else field.change(self.reference_tick)
             self.estimate_record, self._innovations = filter_.observe(now, rows, self._sent, change)
             return

@@ -31,8 +31,6 @@ from ..types import (
     Estimate,
     FloatArray,
     Input,
-    Preparing,
-    SpaceBased,
     State,
 )
 from ..vehicle import CommandLimits
@@ -521,7 +519,7 @@ class Supervisor:
       down to the limits. In reverse the controller steers meanwhile: a trailer folds otherwise.
     - A controller whose plan leaves the corridor or its hitch angle: half speed until it does not,
       or until the vehicle lags a metre behind.
-    - Errors are those to the reference of the tick, with `SpaceBased` those to its nearest tick.
+    - Errors are those to the reference of the tick, of a `space_based` controller those to its nearest tick.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
       limits.
 
@@ -543,7 +541,7 @@ class Supervisor:
         reasons: Callable[[int, FloatArray], str],
     ) -> None:
         self._period_s, self._safety, self._reasons = period_s, safety or SafetyLimits(), reasons
-        self.space_based = isinstance(controller, SpaceBased) and controller.space_based
+        self.space_based = controller.space_based
         self._guard = np.zeros(GUARD.itemsize // 8)
         self.tick = new_tick()  # record `TICK` of the last step
         self._follow(controller, reference)
@@ -613,8 +611,7 @@ class Supervisor:
 
     def prepare(self, k: int) -> None:
         """Let the controller prepare tick `k`, where it can, and fill the caches."""
-        if isinstance(self._controller, Preparing):
-            self._controller.prepare(k)
+        self._controller.prepare(k)
         self.warm_up()
 
     def warm_up(self) -> None:

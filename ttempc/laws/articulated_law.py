@@ -365,7 +365,7 @@ class ArticulatedLaw(FeedbackLaw):
         self._last: tuple[FloatArray, ...] = ()  # estimate and command, of a step
 
     def resume(self, previous: object) -> None:
-        """Keep autocorrelation, nominal input and entry, see `ttempc.types.Resuming`.
+        """Keep autocorrelation, nominal input and entry, see `ttempc.types.Controller.resume`.
 
         The nominal state, an error to another reference, starts anew.
         """

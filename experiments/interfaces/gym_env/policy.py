@@ -20,7 +20,6 @@ from ttempc.types import (
     Estimate,
     FloatArray,
     Input,
-    SpaceBased,
     State,
 )
 from ttempc.vehicle import CommandLimits
@@ -141,7 +140,7 @@ class _Within(TrackingController):
         self._inner.warm_up()
 
     def resume(self, previous: object) -> None:
-        """Continue after a controller for other model parameters, see `Resuming`."""
+        """Continue after a controller for other model parameters, see `Controller.resume`."""
         super().resume(previous)
         if isinstance(previous, _Within):
             self._last = previous._last
@@ -156,14 +155,14 @@ class _Within(TrackingController):
         return told
 
 
-class _Around:
+class _Around(Controller):
     """Adds to the commands of a user's controller."""
 
     def __init__(
         self, inner: Controller, added: Residual, limits: CommandLimits, sent: FloatArray
     ) -> None:
         self._inner, self._added, self._limits, self._sent = inner, added, limits, sent
-        self.space_based = isinstance(inner, SpaceBased) and inner.space_based
+        self.space_based = inner.space_based
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""
