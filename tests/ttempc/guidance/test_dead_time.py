@@ -9,10 +9,10 @@ import pytest
 
 from tests.reference.estimation.augmented_state import estimate_of
 from tests.ttempc.closed_loop import Supervised
+from ttempc.detectors.interface import Alarm, Reaction
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import DeadTimeCompensation, compensated, lead_s
-from ttempc.detectors.interface import Alarm, Reaction
-from ttempc.guidance.supervisor import SafetyLimits
+from ttempc.guidance.safety import SafetyLimits
 from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
     SIZE,

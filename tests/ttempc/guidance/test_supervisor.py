@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.ttempc.closed_loop import PERIOD_S, Supervised, seen_truth
+from ttempc.detectors.interface import Alarm, Reaction
 from ttempc.errors import ControllerFailed
 from ttempc.guidance.controllers import make_controller
-from ttempc.detectors.interface import Alarm, Reaction
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import (
