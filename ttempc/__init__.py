@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from .guidance.controllers import ESTIMATORS as ESTIMATORS
     from .guidance.controllers import make_controller as make_controller
     from .guidance.guidance import Guidance as Guidance
-    from .guidance.supervisor import SafetyLimits as SafetyLimits
+    from .guidance.safety import SafetyLimits as SafetyLimits
+    from .guidance.settings import GuidanceSettings as GuidanceSettings
+    from .guidance.state import GuidanceState as GuidanceState
     from .reference.headland import headland as headland
     from .reference.path import Path as Path
     from .reference.path import figure_eight as figure_eight
@@ -52,7 +54,9 @@ _HOME = {
     "estimation.noise": "ProcessNoise SensorNoise",
     "guidance.controllers": "CONTROLLERS ESTIMATORS make_controller",
     "guidance.guidance": "Guidance",
-    "guidance.supervisor": "SafetyLimits",
+    "guidance.safety": "SafetyLimits",
+    "guidance.settings": "GuidanceSettings",
+    "guidance.state": "GuidanceState",
     "reference.headland": "headland",
     "reference.path": "Path figure_eight straight",
     "reference.reference": "ConstantSpeed Reference",

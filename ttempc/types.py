@@ -1,11 +1,12 @@
 """Data types and protocols of the control library: measurements, estimates, commands."""
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Final, NamedTuple, Protocol, Self, runtime_checkable
+from typing import Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -277,6 +278,14 @@ class Controller(ABC):
         """Run through the code of every later call; it must change no later result."""
         return
 
+    def memory(self) -> object:
+        """Return what the controller remembers from tick to tick, by default all attributes."""
+        return vars(self)
+
+    def restore(self, memory: object) -> None:
+        """Remember what `memory` returned, of this controller or of a copy of it."""
+        vars(self).update(copy.deepcopy(memory))  # pyright: ignore[reportCallIssue, reportArgumentType] - attributes
+
 
 class Estimator(ABC):
     """Turns measurements into an estimate once every control period.
@@ -300,6 +309,14 @@ class Estimator(ABC):
     def warm_up(self) -> None:
         """Run through the code of every later call; it must change no later result."""
         return
+
+    def memory(self) -> object:
+        """Return what the estimator remembers from tick to tick, by default all attributes."""
+        return vars(self)
+
+    def restore(self, memory: object) -> None:
+        """Remember what `memory` returned, of this estimator or of a copy of it."""
+        vars(self).update(copy.deepcopy(memory))  # pyright: ignore[reportCallIssue, reportArgumentType] - attributes
 
 
 class VehicleGuidance(Protocol):

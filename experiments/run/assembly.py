@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from ttempc.guidance.guidance import Guidance
+from ttempc.guidance.pipeline import ControllerFactory
 from ttempc.guidance.settings import GuidanceSettings
 from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Path, Projection
@@ -312,7 +313,7 @@ def _guidance(
     scenario: Scenario,
     plan: _Plan,
     plant: Plant,
-    controller: Callable[..., Controller],
+    controller: ControllerFactory,
     kind: type[Guidance],
     adjust: Callable[[GuidanceSettings], GuidanceSettings],
 ) -> Guidance:

@@ -8,6 +8,9 @@ import numpy as np
 
 from tests.reference.models.kinematics import advance
 from tests.reference.models.valves import slew
+from ttempc.guidance.dead_time import DeadTimeCompensation
+from ttempc.guidance.own_parts import as_controller
+from ttempc.guidance.safety import SafetyLimits
 from ttempc.guidance.supervisor import Supervisor
 from ttempc.layout import ALARM, estimate_row
 from ttempc.models.kinematics import NO_DISTURBANCE, hitch_angle, trailer_point
@@ -39,7 +42,10 @@ class Supervised(Supervisor):
     """A supervisor on estimates and alarms as objects, a controller on the time of its ticks."""
 
     def __init__(self, controller, reference, period_s, safety=None):
-        super().__init__(controller, reference, period_s, safety, self.said)
+        if not isinstance(controller, DeadTimeCompensation):
+            controller = as_controller(controller)
+        limits = safety or SafetyLimits()
+        super().__init__(controller, reference, period_s, limits, self.said)
 
     def said(self, row, numbers):
         return self.alarms[row].reason
@@ -50,7 +56,7 @@ class Supervised(Supervisor):
         rows = np.array([[alarm.reaction, 0.0, 0.0, 0.0] for alarm in alarms]).reshape(-1, ALARM)
         row = None if estimate is None else estimate_row(estimate)
         if self.decide(row, k, k * PERIOD_S if time_s is None else time_s, rows):
-            self.ask(row, k, lambda: estimate)
+            self.compute_command(row, k, lambda: estimate)
         command = self.finish()
         return ControlStep(Command(*command.tolist()), self.diagnostics())
 

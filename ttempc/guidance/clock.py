@@ -18,18 +18,10 @@ class GuidanceClock:
     """
 
     def __init__(self) -> None:
-        self._origin_s: float | None = None
-        self._updated_s = -math.inf
-
-    @property
-    def origin_s(self) -> float:
-        """Time stamp of the first update [s]."""
-        return self._origin_s or 0.0
-
-    @property
-    def updated_s(self) -> float:
+        self.origin_s: float | None = None
+        """Time stamp of the first update [s], None before it."""
+        self.updated_s = -math.inf
         """Time of the last update, from the first one [s]."""
-        return self._updated_s
 
     def require_update(self, caller: str) -> None:
         """Refuse a call before the first update.
@@ -37,11 +29,11 @@ class GuidanceClock:
         Raises:
             GuidanceFailed: `update` was not called yet.
         """
-        if self._origin_s is None:
+        if self.origin_s is None:
             raise GuidanceFailed(f"{caller}: call update(time_s, measurements) first")
 
-    def advance(self, time_s: float) -> float:
-        """Take the time stamp of an update, and return it in seconds from the first one.
+    def seconds(self, time_s: float) -> float:
+        """Return the time stamp of an update in seconds from the first one, which this may be.
 
         Raises:
             InvalidTime: it is no finite number or before that of the last update.
@@ -52,19 +44,18 @@ class GuidanceClock:
             raise InvalidTime(f"update: time_s: {error}, must be a finite number") from None
         if not is_finite:
             raise InvalidTime(f"update: time_s = {time_s}, must be finite")
-        if self._origin_s is None:
-            self._origin_s = time_s
-        now = time_s - self._origin_s
-        late = self._updated_s - now
+        if self.origin_s is None:
+            self.origin_s = time_s
+        now = time_s - self.origin_s
+        late = self.updated_s - now
         if late > 0.0:
             raise InvalidTime(f"update: time_s = {time_s} is {late:g} s before the last update")
-        self._updated_s = now
         return now
 
     def from_start(self, rows: FloatArray) -> FloatArray:
         """Return sample rows (n, `SAMPLE`) with their times in seconds from the first update."""
-        if not self._origin_s:
+        if not self.origin_s:
             return rows
         offset = np.zeros(SAMPLE)
-        offset[0] = self._origin_s
+        offset[0] = self.origin_s
         return rows - offset

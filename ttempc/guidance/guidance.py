@@ -13,44 +13,44 @@ each call does is in the file of its object:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from ..detectors.interface import Alarm, Detector, Reaction
+from ..detectors.interface import Reaction
 from ..detectors.monitors import Monitors
 from ..errors import GuidanceFailed, InvalidReference
-from ..layout import ALARM, ESTIMATE, INNOVATION, Innovations, estimate_view, sample_rows
+from ..layout import (
+    ALARM,
+    ESTIMATE,
+    AlarmColumn,
+    sample_rows,
+)
 from ..reference.path import Path
 from ..reference.reference import ConstantSpeed, Reference, check_drivable, check_pace
 from ..types import (
     Command,
-    ControlStep,
-    Diagnostics,
     Estimate,
     FloatArray,
-    Input,
     Measurement,
-    State,
 )
 from ..vehicle import Vehicle
 from .clock import GuidanceClock
 from .controllers import EstimatorFactory
 from .own_parts import HasStep, HasUpdate
 from .pipeline import ControllerFactory, Pipeline, PipelineRecipe
+from .report import GuidanceReport
 from .settings import GuidanceSettings
 from .state import GuidanceState
-from .supervisor import Supervisor, user_part
+from .supervisor import Supervisor
+from .user_answer import user_part
 
-_PSI_T: Final = (ESTIMATE.fields or {})["state"][1] // 8 + State.PSI_T
-_HEADINGS: Final = slice(_PSI_T, _PSI_T + 2)
 _WARN: Final = int(Reaction.WARN)  # an enumeration costs six calls a tick
 
 
-class Guidance:
+class Guidance(GuidanceReport):
     """Drives a vehicle along a reference, one control period after the other.
 
     Every period of `period_s`, call `update` with the samples that arrived since, then `step`:
@@ -110,26 +110,17 @@ class Guidance:
         if isinstance(reference, Path):
             reference = Reference(reference, vehicle, ConstantSpeed(settings.speed_mps))
         check_pace(reference, period_s)
-        self.period_s = period_s
-        self.tick = 0  # number of the next control tick
-        self.reference_tick = 0  # of the reference at that tick: those that waited apart
         recipe = PipelineRecipe(reference, period_s, controller, estimator, settings)
-        self._pipeline = Pipeline(vehicle, recipe)
-        self._monitors = Monitors(settings.detect)
-        self._supervisor = Supervisor(
-            self._pipeline.controller, reference, period_s, settings.safety, self._monitors.reason
+        pipeline = Pipeline(vehicle, recipe)
+        monitors = Monitors(settings.detect)
+        supervisor = Supervisor(
+            pipeline.controller, reference, period_s, settings.safety, monitors.reason
         )
-        self._alarms = np.zeros((0, ALARM))  # of the detectors, since the last update
-        self._origin_s: float | None = None  # of the clock
-        self._time_s = -math.inf  # of the last update, from the origin
-        self.estimate_record = np.empty(0)
-        self._innovations = np.empty((0, INNOVATION))  # of the last update
-        self._view = None
-        self._stale = 0  # steps since the last update
-        self._sent = np.full(len(Input), math.nan)  # the last command
-        self._control_step = None
+        super().__init__(pipeline, monitors, supervisor, period_s)
+        self._clock = GuidanceClock()
+        self._steps_since_update = 0
+        self._alarms = np.zeros((0, ALARM))  # rows of the detectors, of the last update
         self._notes: tuple[str, ...] = ()  # on what was learnt since the last step
-        self.learnt = ()
 
     def update(self, time_s: float, measurements: Sequence[Measurement] | FloatArray) -> Estimate:
         """Run the estimator to `time_s` and return its estimate.
@@ -145,27 +136,33 @@ class Guidance:
             InvalidSamples: rows of another shape, a sensor that does not exist, what is no number.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
-        rows, (now, origin) = sample_rows(measurements), self._now(time_s)
-        if origin:
-            rows = rows - np.array([origin, 0.0, 0.0, 0.0, 0.0])
-        usable = self._monitors.usable(rows)  # without sensors that a detector has excluded
+        rows = sample_rows(measurements)
+        now = self._clock.seconds(time_s)
+        rows = self._clock.from_start(rows)
         self._take_on_learnt()
-        self._view = None
-        self._filter(now, usable)
-        self._time_s, self._stale = now, 0
-        estimate, vehicle = self.estimate_record, self._pipeline.vehicle
-        self._alarms = alarms = self._monitors.observe(
-            rows, now, self._sent, estimate, self._innovations, vehicle, self._seen
+
+        # The filter gets no samples of sensors that the detectors' last alarms exclude.
+        usable = self._monitors.usable(rows)
+        self.estimate_record, self._innovations, self._estimate = self._pipeline.observe(
+            now, usable, self._sent, self.tick, self.reference_tick
         )
-        learner, field = self._pipeline.learner, self._pipeline.field
-        faulty = bool(alarms.size and alarms[:, 0].max() > _WARN)
-        if faulty:
-            learner.forget()
-        if field is not None:
-            field.observe(self.reference_tick, estimate, not faulty)
-        learner.record(self.tick, now, usable, self._sent, *estimate[_HEADINGS].tolist())
-        seen = self._seen()
-        return replace(seen, time_s=seen.time_s + origin) if origin else seen
+        self._clock.updated_s = now
+        self._steps_since_update = 0
+
+        # The detectors get all samples, so that the alarm of a sensor can end.
+        self._alarms = self._monitors.observe(
+            rows,
+            now,
+            self._sent,
+            self.estimate_record,
+            self._innovations,
+            self._pipeline.vehicle,
+            self._seen_estimate,
+        )
+        self._learn(now, usable)
+
+        estimate = self._seen_estimate()
+        return replace(estimate, time_s=estimate.time_s + (self._clock.origin_s or 0.0))
 
     def step(self) -> Command:
         """Return the command for the period that starts at the time of the last `update`.
@@ -177,19 +174,23 @@ class Guidance:
             GuidanceFailed: `update` was not called yet.
             ControllerFailed: the controller raised, or returned no usable step.
         """
-        if self._origin_s is None:
-            raise GuidanceFailed("step: call update(time_s, measurements) first")
+        self._clock.require_update("step")
         # Without an update no time has passed by the clock; a period has for the vehicle.
-        estimate = None if self._stale else self.estimate_record
-        now = self._time_s + self._stale * self.period_s
-        self._stale += 1
-        guard, k = self._supervisor, self.reference_tick
-        # The guard compares the estimate with tick k of the reference, the controller adds the
+        is_stale = self._steps_since_update > 0
+        estimate = None if is_stale else self.estimate_record
+        now = self._clock.updated_s + self._steps_since_update * self.period_s
+        self._steps_since_update += 1
+
+        # The guard compares the estimate with a tick of the reference, the controller adds the
         # feedforward of the reference, the MPC and the robust action, the guard limits the sum.
-        if guard.decide(estimate, k, now, self._alarms):
-            guard.ask(self.estimate_record, k, self._seen)
+        guard = self._supervisor
+        if guard.decide(estimate, self.reference_tick, now, self._alarms):
+            guard.compute_command(self.estimate_record, self.reference_tick, self._seen_estimate)
         self._sent = guard.finish()
-        self.learnt, self._notes, self._control_step = self._notes, (), None
+
+        self.learnt = self._notes
+        self._notes = ()
+        self._control_step = None
         self.tick += 1
         self.reference_tick += not guard.waits
         return Command(*self._sent.tolist())
@@ -203,8 +204,7 @@ class Guidance:
         Raises:
             GuidanceFailed: `update` was not called yet.
         """
-        if self._origin_s is None:
-            raise GuidanceFailed("resume: call update(time_s, measurements) first")
+        self._clock.require_update("resume")
         self._monitors.resume(self.estimate_record.view(ESTIMATE)[0]["map_disturbance"])
         self._supervisor.resume()
 
@@ -240,44 +240,60 @@ class Guidance:
         with user_part(GuidanceFailed, f"prepare raised at tick {self.tick}"):
             self._supervisor.prepare(self.reference_tick)
 
-    def _now(self, time_s: float) -> tuple[float, float]:
-        """Return a time from the first update on [s], and the time of that update [s]."""
-        try:
-            finite = math.isfinite(time_s)
-        except (OverflowError, TypeError) as error:
-            raise InvalidTime(f"update: time_s: {error}, must be a finite number") from None
-        if not finite:
-            raise InvalidTime(f"update: time_s = {time_s}, must be finite")
-        if self._origin_s is None:
-            self._origin_s = time_s
-        # Seconds from the start keep their resolution; those of the Unix epoch have steps of 2e-7.
-        now = time_s - self._origin_s
-        if (late := self._time_s - now) > 0.0:
-            raise InvalidTime(f"update: time_s = {time_s} is {late:g} s before the last update")
-        return now, self._origin_s
+    @property
+    def state(self) -> GuidanceState:
+        """Memory of the guidance; it changes with every tick, its `copy` does not."""
+        return GuidanceState(
+            tick=self.tick,
+            reference_tick=self.reference_tick,
+            origin_s=self._clock.origin_s,
+            updated_s=self._clock.updated_s,
+            steps_since_update=self._steps_since_update,
+            sent=self._sent,
+            estimate=self.estimate_record,
+            innovations=self._innovations,
+            alarms=self._alarms,
+            estimator=self._pipeline.estimator.memory(),
+            detectors=self._monitors.memory(),
+            supervisor=self._supervisor.memory(),
+            controller=self._supervisor.controller.memory(),
+        )
+
+    def restore(self, state: GuidanceState) -> None:
+        """Go on from a state of this guidance, or of one that was made alike; nothing is shared.
+
+        The learner forgets what it has recorded.
+        """
+        self.tick = state.tick
+        self.reference_tick = state.reference_tick
+        self._clock.origin_s = state.origin_s
+        self._clock.updated_s = state.updated_s
+        self._steps_since_update = state.steps_since_update
+        self._sent = state.sent.copy()
+        self.estimate_record = state.estimate.copy()
+        self._innovations = state.innovations.copy()
+        self._alarms = state.alarms.copy()
+        self._estimate = None
+        self._control_step = None
+        self._pipeline.estimator.restore(state.estimator)
+        self._pipeline.learner.forget()
+        self._monitors.restore(state.detectors)
+        self._supervisor.restore(state.supervisor)
+        self._supervisor.controller.restore(state.controller)
 
     def _take_on_learnt(self) -> None:
         """Exchange the parts for those of learnt parameters, if such are due at this tick."""
         new, notes = self._pipeline.exchange(self.tick, self._sent)
-        if new and new.estimator is not None:
+        if new is not None and new.estimator is not None:
             self._monitors.forget_pose()
-        if new and new.controller is not None:
+        if new is not None and new.controller is not None:
             self._supervisor.exchange(new.controller, new.reference)
         self._notes = notes or self._notes
 
-    def _filter(self, now: float, rows: FloatArray) -> None:
-        """Run the estimator; a user's gets objects, and its estimate is copied into the record."""
-        filter_ = self._pipeline.estimator
-        if isinstance(filter_, ExtendedKalmanFilter) and type(filter_) is ExtendedKalmanFilter:
-            field = self._pipeline.field
-            change = NO_CHANGE if field is None else field.change(self.reference_tick)
-            self.estimate_record, self._innovations = filter_.observe(now, rows, self._sent, change)
-            return
-        sent = Command(*self._sent.tolist()) if self.tick else None
-        with user_part(EstimatorFailed, f"the estimator raised at {now:.3f} s"):
-            estimate: object = filter_.update(now, measurements_of(rows), sent)
-        if not isinstance(estimate, Estimate):
-            got = type(estimate).__name__
-            raise EstimatorFailed(f"the estimator returned {got} at {now:.3f} s, not an Estimate")
-        self._view, self.estimate_record = estimate, estimate_row(estimate)
-        self._innovations = innovation_rows(estimate.innovations)
+    def _learn(self, now: float, rows: FloatArray) -> None:
+        """Record the tick for the learner; a vehicle with a fault teaches nothing."""
+        reactions = self._alarms[:, AlarmColumn.REACTION]
+        is_faulty = bool(reactions.size and reactions.max() > _WARN)
+        self._pipeline.learn(
+            self.tick, now, rows, self._sent, self.estimate_record, self.reference_tick, is_faulty
+        )

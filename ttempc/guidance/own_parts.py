@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..types import Command, Controller, ControlStep, Estimate, Estimator, Measurement
 
@@ -56,6 +57,12 @@ class OwnController(Controller):
     def warm_up(self) -> None:
         _call_if_present(self.given, "warm_up")
 
+    def memory(self) -> object:
+        return self.given
+
+    def restore(self, memory: Any) -> None:  # noqa: ANN401 - the user's object
+        self.given = copy.deepcopy(memory)
+
 
 class OwnEstimator(Estimator):
     """A user's object with `update`; `warm_up` does nothing where it is missing."""
@@ -70,6 +77,12 @@ class OwnEstimator(Estimator):
 
     def warm_up(self) -> None:
         _call_if_present(self.given, "warm_up")
+
+    def memory(self) -> object:
+        return self.given
+
+    def restore(self, memory: Any) -> None:  # noqa: ANN401 - the user's object
+        self.given = copy.deepcopy(memory)
 
 
 def _call_if_present(given: object, name: str, *arguments: object) -> None:

@@ -5,18 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from ..errors import EstimatorFailed
+from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
 from ..laws.tracking_controller import TrackingController
+from ..layout import ESTIMATE, estimate_row, innovation_rows, measurements_of
 from ..learning.field import FieldMap
 from ..learning.learner import Identifier, Learner
 from ..learning.window import RecordedTick
 from ..reference.reference import Reference, check_drivable, check_pace
-from ..types import Command, Controller, Estimator, FloatArray
+from ..types import Command, Controller, Estimate, Estimator, FloatArray, State
 from ..vehicle import Vehicle
 from .controllers import EstimatorFactory, estimator_factory, make_controller
 from .dead_time import DeadTimeCompensation, Guided, compensated, lead_s, resume
 from .own_parts import HasStep, HasUpdate, as_controller, as_estimator
 from .settings import GuidanceSettings
+from .user_answer import user_part
 
 ControllerFactory = Callable[..., HasStep]
 """Makes a controller from vehicle, reference and control period [s], options as keywords."""
@@ -159,6 +163,48 @@ class Pipeline:
         self.controller.warm_up()
         if self.field is not None:
             self.field.warm_up()
+
+    def observe(
+        self, now: float, rows: FloatArray, sent: FloatArray, tick: int, reference_tick: int
+    ) -> tuple[FloatArray, FloatArray, Estimate | None]:
+        """Run the estimator to a time; return `ESTIMATE`, rows of innovations, and its own object.
+
+        A user's estimator gets objects, and its estimate is copied into the record.
+
+        Raises:
+            EstimatorFailed: the estimator raised, or returned no `Estimate`.
+        """
+        estimator = self.estimator
+        if type(estimator) is ExtendedKalmanFilter:  # one that derives from it has an own `update`
+            change = NO_CHANGE if self.field is None else self.field.change(reference_tick)
+            return *estimator.observe(now, rows, sent, change), None
+
+        command = Command(*sent.tolist()) if tick else None
+        with user_part(EstimatorFailed, f"the estimator raised at {now:.3f} s"):
+            estimate: object = estimator.update(now, measurements_of(rows), command)
+        if not isinstance(estimate, Estimate):
+            got = type(estimate).__name__
+            raise EstimatorFailed(f"the estimator returned {got} at {now:.3f} s, not an Estimate")
+        return estimate_row(estimate), innovation_rows(estimate.innovations), estimate
+
+    def learn(
+        self,
+        tick: int,
+        now: float,
+        rows: FloatArray,
+        sent: FloatArray,
+        estimate: FloatArray,
+        reference_tick: int,
+        is_faulty: bool,
+    ) -> None:
+        """Hand a tick to the learners of the vehicle and of the field; a fault teaches nothing."""
+        if is_faulty:
+            self.learner.forget()
+        if self.field is not None:
+            self.field.observe(reference_tick, estimate, not is_faulty)
+        state = estimate.view(ESTIMATE)[0]["state"]
+        headings = (float(state[State.PSI_T]), float(state[State.PSI_I]))
+        self.learner.record(tick, now, rows, sent, *headings)
 
     def exchange(
         self, tick: int, sent: FloatArray

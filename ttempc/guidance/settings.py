@@ -10,7 +10,7 @@ from ..detectors.monitors import Detect
 from ..estimation.noise import SensorNoise
 from ..learning.learner import Identifier
 from ..types import FloatArray
-from .supervisor import SafetyLimits
+from .safety import SafetyLimits
 
 if TYPE_CHECKING:
     from ..tube.reference_tube import TubeDesign

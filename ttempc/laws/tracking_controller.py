@@ -18,8 +18,8 @@ from ..types import (
     Diagnostics,
     Estimate,
     FloatArray,
-    Input,
     Immutable,
+    Input,
     SolverReport,
     State,
 )
@@ -158,7 +158,7 @@ class TrackingController(Controller):
         controller.feedback.warm_up()
 
     def resume(self, previous: object) -> None:
-        """Continue after a controller for other model parameters, see `ttempc.types.Controller.resume`.
+        """Continue after a controller for other model parameters, see `Controller.resume`.
 
         The rate limits start at its last command.
         """

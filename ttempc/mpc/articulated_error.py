@@ -18,7 +18,7 @@ from ..models.kinematics import trailer_point_jacobian
 from ..models.linear import zero_order_hold
 from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Immutable, State
+from ..types import Disturbance, Estimate, FloatArray, Immutable, Input, MapDisturbance, State
 from ..vehicle import CommandLimits, Vehicle
 from .condensing import StageBounds, Work
 from .lmpc import OutputBounds

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InvalidTuning, check_choice, check_count, check_vector
 from ..models.kinematics import Error
-from ..types import FloatArray, Input, Immutable, SolverReport
+from ..types import FloatArray, Immutable, Input, SolverReport
 from .condensing import (
     StageBounds,
     Stages,

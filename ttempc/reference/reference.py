@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidPath, InvalidReference
-from ..types import FloatArray, Input, Immutable, State
+from ..types import FloatArray, Immutable, Input, State
 from ..vehicle import Vehicle
 from .corridor import Corridor
 from .path import Path

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ttempc.guidance.own_parts import HasStep, as_controller
 from ttempc.laws.tracking_controller import TrackingController, View
 from ttempc.layout import TICK
 from ttempc.models.kinematics import Error, estimated_error
@@ -103,7 +104,7 @@ def half_range(limits: CommandLimits) -> FloatArray:
 
 
 def add_residual(
-    inner: Controller, residual: Residual, share: float, reference: Reference, period_s: float
+    inner: HasStep, residual: Residual, share: float, reference: Reference, period_s: float
 ) -> Controller:
     """Return a controller that adds a share of the commands' range to those of another one.
 
@@ -125,7 +126,7 @@ def add_residual(
 
     if isinstance(inner, TrackingController):
         return _Within(inner, added)
-    return _Around(inner, added, limits, limits.clamp(reference.at(0.0).inputs))
+    return _Around(as_controller(inner), added, limits, limits.clamp(reference.at(0.0).inputs))
 
 
 class _Within(TrackingController):
