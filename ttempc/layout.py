@@ -8,6 +8,7 @@ with names and words, `Estimate` and `Diagnostics`, are made where somebody look
 import math
 from array import array
 from collections.abc import Iterator, Sequence
+from enum import IntEnum
 from typing import Final, overload
 
 import numpy as np
@@ -176,9 +177,47 @@ def estimate_view(row: FloatArray, innovations: Sequence[Innovation] = ()) -> Es
     )
 
 
-ALARM: Final = 4
-"""Entries of an alarm, a row for each detector: its `Reaction`, -1 where there is none, and three
-numbers of which the detector makes its reason in words; they are those of the alarm's begin."""
+class AlarmColumn(IntEnum):
+    """Columns of a row that is the alarm of a detector."""
+
+    REACTION = 0  # `ttempc.detectors.interface.Reaction`, -1 where there is no alarm
+    FIRST = 1  # numbers of which the detector makes its reason in words, those of the alarm's begin
+    SECOND = 2
+    THIRD = 3
+
+
+ALARM: Final = len(AlarmColumn)
+"""Number of columns of an alarm."""
+
+
+class ControlColumn(IntEnum):
+    """Columns of an input in `TICK.control`."""
+
+    FEEDFORWARD = 0
+    FEEDBACK = 1
+    ROBUST = 2
+    SUM = 3  # of these three actions
+    COMMAND = 4
+    LOWER = 5  # smallest and
+    UPPER = 6  # largest command
+    LIMITED = 7  # 1 where a limit acts
+
+
+class BodyError(IntEnum):
+    """Columns of the body error z_e, the first ones of `TICK.tracking`.
+
+    It is the reference in the frames of the vehicle's bodies: distances ahead and to the left of
+    each axle point, and yaw. The laws have an error of their own, in the frame of the reference.
+    """
+
+    X_T = 0  # [m] ahead of the tractor point
+    Y_T = 1  # [m] to its left
+    PSI_T = 2  # [rad]
+    X_I = 3  # [m] ahead of the trailer point
+    Y_I = 4  # [m] to its left
+    PSI_I = 5  # [rad]
+    V = 6  # [m/s]
+
 
 SOLVER: Final = np.dtype(
     [
@@ -193,19 +232,17 @@ SOLVER: Final = np.dtype(
 
 TICK: Final = np.dtype(
     [
-        # of each input: feedforward, feedback, robust action, their sum, command, smallest and
-        # largest command, and 1 where a limit acts
-        ("control", "f8", (3, 8)),
-        ("tracking", "f8", 11),  # z_e (7), z_m (4); NaN: none
+        ("control", "f8", (3, len(ControlColumn))),  # of each input
+        ("tracking", "f8", len(BodyError) + 4),  # body error, then z_m (4); NaN: none
         ("tube", "f8", 20),  # see `TubeReport`; NaN: none
         ("solver", SOLVER),
-        ("fallback", "f8"),  # 1 where another law than the controller's own acted
+        ("fallback", "f8"),  # whether the supervisor or another law than the controller's own acts
         ("law", "f8"),  # why another law than the controller's own acted, a code of its own
         ("leaves_corridor", "f8"),
-        ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.supervisor`
-        ("reason", "f8"),  # of a mode or of half speed, likewise
+        ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.safety`
+        ("reason", "f8"),  # of a mode or of half speed, see there
         ("jump_m", "f8"),  # of the error; 0: none
-        ("cut", "f8", 3),  # what is wrong with a user's command, likewise
+        ("cut", "f8", 3),  # what is wrong with a user's command, see there
         ("sample", "f8"),  # of the reference to which the errors are
         ("stopping", "f8"),
         ("waits", "f8"),  # whether the reference stays at this tick

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ..layout import ALARM
+from ..layout import ALARM, AlarmColumn
 from ..models.augmented_state import SensorIndex
 from ..types import FloatArray
 from .history import kernel
@@ -34,15 +34,6 @@ NO_ALARM: Final = -1.0
 """Entry of an alarm in place of a reaction."""
 ENDS: Final = 0.5
 """Share of its limit below which a statistic ends an alarm."""
-
-
-class AlarmColumn(IntEnum):
-    """Column of an alarm, see `ttempc.layout.ALARM`."""
-
-    REACTION = 0
-    FIRST = 1  # of three numbers, of which the table makes words
-    SECOND = 2
-    THIRD = 3
 
 
 class SampleColumn(IntEnum):

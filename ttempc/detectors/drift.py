@@ -5,8 +5,9 @@ from typing import Final
 
 import numpy as np
 
+from ..layout import AlarmColumn
 from ..types import Disturbance, FloatArray, MapDisturbance, State
-from .board import AlarmColumn, Record, TickData, stands
+from .board import Record, TickData, stands
 from .history import kernel
 from .standstill import check_standstill
 from .table import DetectorIndex

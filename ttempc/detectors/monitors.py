@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ..errors import InvalidTuning
-from ..layout import ALARM, ESTIMATE, INNOVATION, SAMPLE, measurements_of
+from ..layout import ALARM, ESTIMATE, INNOVATION, SAMPLE, AlarmColumn, measurements_of
 from ..models.augmented_state import vehicle_parameters
 from ..suggestion import did_you_mean
 from ..types import Command, Estimate, FloatArray, Sensor, WarmingUp
 from ..vehicle import Vehicle
-from .board import ENDS, NO_ALARM, AlarmColumn
+from .board import ENDS, NO_ALARM
 from .drift import apparent_drift
 from .interface import Alarm, Detector, Observation, Reaction
 from .kernel import DETECTORS, new_detectors, observe_detectors

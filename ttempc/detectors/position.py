@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from ..layout import AlarmColumn
 from ..models.augmented_state import SensorIndex
 from ..types import Disturbance, FloatArray, State
-from .board import WARN, AlarmColumn, Record, TickData, stands
+from .board import WARN, Record, TickData, stands
 from .history import kernel
 from .hitch import SETTLED_S
 from .motion import wheels_spin

@@ -5,8 +5,9 @@ from typing import Final
 
 import numpy as np
 
+from ..layout import AlarmColumn
 from ..types import FloatArray, State
-from .board import AlarmColumn, Record, SampleColumn, TickData
+from .board import Record, SampleColumn, TickData
 from .history import kernel
 from .table import DetectorIndex
 

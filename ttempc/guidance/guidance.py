@@ -36,7 +36,9 @@ from ..vehicle import Vehicle
 from .controllers import EstimatorFactory
 from .dead_time import Guided
 from .parts import ControllerFactory, Parts
-from .supervisor import SafetyLimits, Supervisor, user_part
+from .safety import SafetyLimits
+from .supervisor import Supervisor
+from .user_answer import user_part
 from .views import GuidanceViews
 
 if TYPE_CHECKING:
@@ -203,7 +205,7 @@ class Guidance(GuidanceViews):
         # The guard compares the estimate with tick k of the reference, the controller adds the
         # feedforward of the reference, the MPC and the robust action, the guard limits the sum.
         if guard.decide(estimate, k, now, self._alarms):
-            guard.ask(self.estimate_record, k, self._seen)
+            guard.compute_command(self.estimate_record, k, self._seen)
         self._sent = guard.finish()
         self.learnt, self._notes, self._control_step = self._notes, (), None
         self.tick += 1
