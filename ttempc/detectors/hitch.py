@@ -67,7 +67,7 @@ def observe_hitch(memory: Record, board: Record, data: TickData) -> None:
             bound = _MEAN_BOUND / math.sqrt(entries) + curve
             statistic = max(statistic, abs(total) / entries / bound)
         board.residual[index] = statistic
-    if stands(board, index):  # for good
+    if stands(board, index):  # an alarm does not end by itself
         statistic = max(1.0, statistic)
     board.statistic[index] = statistic
 

@@ -37,7 +37,7 @@ _JUDGED: Final = int(SensorIndex.IMU_TRACTOR)  # sensors whose readings are judg
 DETECTORS: Final = np.dtype(
     [
         ("board", BOARD),
-        ("readings", READINGS, _JUDGED),  # by `SensorIndex`
+        ("readings", READINGS, _JUDGED),  # of each sensor by `SensorIndex`
         ("speeds", SPEEDS),
         ("motion", SPEED_SUMS),
         ("wheels", SPEED_SUMS),
@@ -46,7 +46,7 @@ DETECTORS: Final = np.dtype(
         ("position", POSITION),
         ("drift", DRIFT),
         ("standstill", STANDSTILL),
-        ("valves", VALVE, 2),  # front, trailer
+        ("valves", VALVE, 2),  # of front steering and trailer steering
         ("innovations", INNOVATIONS, 4),  # GNSS of tractor and trailer, hitch, encoder
     ]
 )

@@ -35,9 +35,9 @@ SPEEDS: Final = np.dtype(
         # Results of a tick:
         ("known", "f8"),  # 1: there is a new speed over ground
         ("ground_mps", "f8"),  # over ground, without a sign
-        ("ground_sd_mps", "f8"),  # its standard deviation
-        ("planned_mps", "f8"),  # NaN: not known
-        ("wheels_mps", "f8"),  # NaN: not known
+        ("ground_sd_mps", "f8"),  # standard deviation of that speed
+        ("planned_mps", "f8"),  # NaN where no command acted in the span
+        ("wheels_mps", "f8"),  # NaN where there is no sample of the encoder in it
     ]
 )
 """Memory of speeds. Beyond the room of a history the spans are shorter."""

@@ -53,7 +53,7 @@ VALVE: Final = np.dtype(
         ("changes", "f8", _CHANGES),  # ring: squares, between recent samples
         ("change_count", "f8"),  # of all so far
         ("scale", "f8"),  # of noise and play, by which residuals are divided
-        ("mean_square", "f8"),  # of the residual
+        ("mean_square", "f8"),  # of the residual: play and overlap of the valve
         ("compared_s", "f8"),  # time of the last comparison, or of the first sample
         ("intervals", INTERVAL, _INTERVALS),
         ("interval_count", "f8"),

@@ -46,8 +46,8 @@ class Ask(NamedTuple):
 class Clipped(NamedTuple):
     """An input within its limits."""
 
-    desired: float  # before them
-    lower: float  # of this period
+    desired: float  # value before the limits
+    lower: float  # limits of this period, by amplitude and rate
     upper: float
     allowed: float  # nearest value within them
     command: float  # the same, with the hydrostat as the supervisor lets it

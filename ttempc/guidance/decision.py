@@ -33,8 +33,8 @@ Record = Any
 
 _STANDING_MPS: Final = 0.05  # largest speed of a vehicle that stands
 _ALARM_FREE_S: Final = 2.0  # before a vehicle that stands drives on; assumed
-# Where the cause shows only while the vehicle drives, as with spinning wheels, it must not stop and
-# start for ever.
+# A vehicle whose alarm has its cause in driving, as spinning wheels, must not stop and start for
+# ever: after so many restarts a stop is for good.
 _RESTARTS: Final = 1
 _FORGOTTEN_S: Final = 60.0  # of driving after which the restarts count anew; assumed
 _UP_TO_SPEED: Final = 0.8  # share of the reference's speed from which on it waits no more; assumed

@@ -283,9 +283,11 @@ class Supervisor:
     @property
     def solve_time_s(self) -> float:
         """Time of the last step's solver as it reports it [s]; 0 where none was needed."""
-        asked = self._asked
-        answered, asked = self._answered, self._asked
-        report = answered.solver if answered else asked and asked.feedback.report
+        report = None
+        if self._answered:
+            report = self._answered.solver
+        elif self._asked:
+            report = self._asked.feedback.report
         return report.solve_time_s if report else 0.0
 
     def predicted_path(self) -> FloatArray | None:
