@@ -74,7 +74,7 @@ def write_command(
         commands: with dead times the commands as they act together, newest first, (count, 3);
             without them (0, 3).
         guard: record `GUARD`.
-        tick: record `TICK` as `decide` and the controller have left it.
+        tick: record `TICK` as `decide_mode` and the controller have left it.
     """
     g = record(guard, GUARD)
     t = record(tick, TICK)

@@ -54,7 +54,7 @@ _kernel: Final = cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rew
 
 
 @_kernel
-def decide(
+def decide_mode(
     sample: int,
     now: float,
     fresh: bool,
@@ -353,7 +353,7 @@ def _choose_mode(
         t.reason = g.lost
     elif reaction == _STOP:
         t.reason = ALARM_HELD
-    elif outage_s > safety.unseen_stop_s:
+    elif outage_s > safety.gnss_outage_stop_s:
         t.reason = POSITION_LOST
     elif deviation_m > safety.uncertain_stop_m:
         t.reason = UNCERTAIN
@@ -362,7 +362,7 @@ def _choose_mode(
         t.reason = ALARM_HELD
     else:
         t.mode = DRIVE
-        if outage_s > safety.unseen_slow_s:
+        if outage_s > safety.gnss_outage_slow_s:
             t.reason = POSITION_LOST
         elif deviation_m > safety.uncertain_slow_m:
             t.reason = UNCERTAIN

@@ -52,12 +52,12 @@ class SafetyLimits:
         InvalidTuning: a value is not above 0.
 
     Examples:
-        >>> SafetyLimits(unseen_stop_s=6.0).unseen_stop_s
+        >>> SafetyLimits(gnss_outage_stop_s=6.0).gnss_outage_stop_s
         6.0
     """
 
-    unseen_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
-    unseen_stop_s: float = 12.0
+    gnss_outage_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
+    gnss_outage_stop_s: float = 12.0
     blind_s: float = 1.0  # without a finite estimate: hold the command so long, then stop
     uncertain_slow_m: float = 0.25  # standard deviation of the tractor point
     uncertain_stop_m: float = 0.50

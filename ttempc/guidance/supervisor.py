@@ -41,7 +41,7 @@ from ..types import (
 from ..vehicle import CommandLimits, Vehicle
 from .command import write_command
 from .dead_time import DeadTimeCompensation
-from .decision import decide
+from .decision import decide_mode
 from .reasons import Facts, fallback_words
 from .safety import DRIVE, GUARD, ON_PATH, SAFETY, SafetyLimits, SupervisedReference
 from .user_answer import checked_answer, user_part
@@ -64,7 +64,7 @@ def run_on(ticks: int) -> int:
 class Supervisor:
     """Runs a controller as long as estimate and reference allow it.
 
-    `decide` finds what is wrong, then the controller is asked if it is to drive, and
+    `decide_mode` finds what is wrong, then the controller is asked if it is to drive, and
     `write_command` limits its command, see there. Where nothing is wrong a feasible command is sent
     as it is.
 
@@ -194,7 +194,7 @@ class Supervisor:
         guard = self._guard.copy()
         tick = new_tick()
         row = np.zeros(len(_NO_ESTIMATE))
-        decide(0, 0.0, True, row, np.zeros((1, ALARM)), self._reference, guard, tick)
+        decide_mode(0, 0.0, True, row, np.zeros((1, ALARM)), self._reference, guard, tick)
         write_command(True, self._reference, self._commands.copy(), guard, tick)
 
     @property
@@ -218,7 +218,9 @@ class Supervisor:
         position = estimate.view(ESTIMATE)[0]["state"][: State.PSI_T]
         if self.space_based and np.isfinite(position).all():
             sample = round(self._projection.place(*position.tolist()))
-        mode = decide(sample, now, fresh, estimate, alarms, self._reference, self._guard, self.tick)
+        mode = decide_mode(
+            sample, now, fresh, estimate, alarms, self._reference, self._guard, self.tick
+        )
         steers = mode in (DRIVE, ON_PATH)
         self._answered = None
         self._sample = k

@@ -8,6 +8,7 @@ import pytest
 from tests.ttempc.detectors.observed import PERIOD_S, Alone, moving, observed, readings
 from ttempc.detectors.interface import Reaction
 from ttempc.detectors.monitors import Monitors
+from ttempc.detectors.position import _without_spin
 from ttempc.detectors.table import BUILT_IN, DetectorIndex
 from ttempc.types import Sensor
 
@@ -89,3 +90,14 @@ def test_an_uncertain_position_is_an_alarm_while_a_sensor_is_excluded(stuck):
         object.__setattr__(seen, "samples", readings(k, values, Sensor.HITCH))
         found |= {(alarm.detector, alarm.reaction) for alarm in observed(monitors, seen)}
     assert (("protection level", Reaction.SLOW) in found) is stuck
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+@pytest.mark.parametrize("distance", [0.3, -0.3])
+def test_wheels_that_spin_lose_at_most_their_own_distance(yaw, distance):
+    """An offset ahead or to the side stays; one back is taken off, no more than the distance."""
+    ahead = math.copysign(1.0, distance) * np.array([math.cos(yaw), math.sin(yaw)])
+    left = np.array([-math.sin(yaw), math.cos(yaw)])
+    for along, remains in ((-0.2, 0.0), (-0.3, 0.0), (-1.0, -0.7), (0.4, 0.4)):
+        found = _without_spin(*(along * ahead + 0.1 * left), yaw, distance)
+        np.testing.assert_allclose(found, remains * ahead + 0.1 * left, atol=1e-12)
