@@ -204,8 +204,8 @@ class Guidance(GuidanceViews):
         self._stale += 1
         supervisor = self._supervisor
         k = self.reference_tick
-        # The supervisor compares the estimate with tick k of the reference. The controller adds the
-        # feedforward of the reference, the MPC and the robust action. The supervisor limits the sum.
+        # The supervisor compares the estimate with tick k of the reference. The controller adds
+        # feedforward, feedback (MPC) and robust action; the supervisor limits their sum.
         if supervisor.decide(estimate, k, now, self._alarms):
             supervisor.compute_command(self.estimate_record, k, self._seen)
         self._sent = supervisor.finish()
