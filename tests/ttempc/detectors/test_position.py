@@ -39,6 +39,16 @@ def test_the_bound_of_a_jump_is_a_quarter_of_a_metre_and_12_cm_at_a_roughness_of
     assert bool(alarm) is noticed
 
 
+@pytest.mark.parametrize(("left_m", "ends"), [(0.12, False), (0.06, True)])
+def test_a_jump_has_ended_where_less_than_a_quarter_of_the_bound_of_37_cm_is_left(left_m, ends):
+    """The position jumps by half a metre at tick 60, and back but for a rest at tick 80."""
+    monitor = Alone(DetectorIndex.POSITION)
+    for k in range(120):
+        jump_m = left_m if k >= 80 else 0.5 if k >= 60 else 0.0
+        alarm = monitor.alarm(moving(k, k * PERIOD_S + jump_m, slip_t=1e-9))
+        assert bool(alarm) is (60 <= k < 80 or (k >= 80 and not ends))
+
+
 def test_a_position_that_was_uncertain_may_come_back():
     """After an outage that the estimate knows of, its correction is no jump."""
     monitors = Monitors()
