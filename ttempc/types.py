@@ -3,11 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from typing import Final, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .sensors import Sensor as Sensor
 
 FloatArray = NDArray[np.float64]
 
@@ -65,19 +67,6 @@ class MapDisturbance(IntEnum):
     SIDE_Y = 1  # [rad] north
     CLIMB_X = 2  # wheel slip on the way east
     CLIMB_Y = 3  # wheel slip on the way north
-
-
-class Sensor(StrEnum):
-    """Sensors of a vehicle, each with the components of a sample."""
-
-    GNSS_TRACTOR = "gnss_tractor"  # (x, y) [m] of the tractor point, map frame
-    GNSS_TRAILER = "gnss_trailer"  # (x, y) [m] of the trailer point, map frame
-    STEERING_TRACTOR = "steering_tractor"  # (delta_t,) [rad]
-    STEERING_TRAILER = "steering_trailer"  # (delta_i,) [rad]
-    HITCH = "hitch"  # (beta,) [rad], angle between tractor and drawbar at RJ1
-    ENCODER = "encoder"  # (v,) [m/s], rim speed of the rear wheels
-    IMU_TRACTOR = "imu_tractor"  # (yaw rate [rad/s], roll, pitch [rad]): left up, nose down
-    IMU_TRAILER = "imu_trailer"  # the same of the trailer
 
 
 @dataclass(frozen=True, slots=True)

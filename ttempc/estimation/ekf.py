@@ -16,7 +16,8 @@ from ..layout import (
     measurements_of,
     sample_rows,
 )
-from ..models.augmented_state import LENGTH, MAPPED, STATES, AugmentedState
+from ..models.augmented_state import MAPPED, STATES, AugmentedState
+from ..sensors import STARTING_SENSORS
 from ..types import Command, Estimate, FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
 from .filter import (
@@ -159,9 +160,9 @@ class ExtendedKalmanFilter:
         history, moments, rows, _ = self._state
         h = history.view(HISTORY)[0]
         kept = measurements_of(rows[: h["samples"], :SAMPLE])
-        of_sensor = {s: [m for m in kept if m.sensor is s] for s in LENGTH}
+        of_sensor = {s: [m for m in kept if m.sensor is s] for s in STARTING_SENSORS}
         begin = max(samples[0].time_s for samples in of_sensor.values())
-        first = {s: [m for m in of_sensor[s] if m.time_s <= begin][-1] for s in LENGTH}
+        first = {s: [m for m in of_sensor[s] if m.time_s <= begin][-1] for s in STARTING_SENSORS}
         if first[Sensor.GNSS_TRACTOR].value == first[Sensor.GNSS_TRAILER].value:
             return
         row = first_moment(first, self._vehicle, self._sensors, self._process)

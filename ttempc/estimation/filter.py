@@ -21,19 +21,18 @@ from ..layout import ESTIMATE, FLOAT
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
     INITIAL_SD,
-    LENGTH,
     MAPPED,
     SIZE,
     STATES,
     AugmentedState,
-    SensorIndex,
     VehicleParameter,
     advance_augmented_state,
-    measure,
     vehicle_parameters,
     write_estimate,
 )
 from ..models.kinematics import wrap_angle
+from ..models.measurement import measure
+from ..sensors import INNOVATION_SIZES, STARTING_SENSORS, SensorIndex
 from ..types import FloatArray, Input, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .noise import SCALE_RANGE, SCALES, ProcessNoise, SensorNoise
@@ -820,7 +819,8 @@ def first_state(
 
     newest = max(reading.time_s for reading in readings.values())
     variances: list[float] = []
-    for sensor, length in LENGTH.items():
+    for sensor in STARTING_SENSORS:
+        length = len(value[sensor])
         travel = v * (newest - readings[sensor].time_s) if length == 2 else 0.0
         offset = noise.angle_offset if sensor in (Sensor.STEERING_TRAILER, Sensor.HITCH) else 0.0
         variances += [noise.of(sensor) ** 2 + travel**2 + offset**2] * length
@@ -871,18 +871,17 @@ def filter_parameters(
         raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")
     if not 0.0 < gate_probability < 1.0:
         raise InvalidTuning(f"gate_probability: got {gate_probability}, must be in (0, 1)")
-    lengths = {sensor: LENGTH.get(sensor, 1) for sensor in Sensor}  # of a gyro, its yaw rate
     flat = np.zeros(FILTER.itemsize // 8)
     f = flat.view(FILTER)[0]
     f["vehicle"] = vehicle_parameters(vehicle, not sensors.angle_offset)
     f["fading"] = process.fading(sensors).ravel()
     f["rates"] = process.rates(sensors)
     f["walk"], f["gyro_sampling"] = process.scale_walk**2, process.gyro_sampling**2
-    f["variances"] = [float(sensors.of(sensor)) ** 2 for sensor in lengths]
+    f["variances"] = [float(sensors.of(sensor)) ** 2 for sensor in Sensor]
     f["float_variance"], f["patience"] = sensors.gnss_float**2, _PATIENCE_S
     if sensors.gnss_float > 0.0:
         f["patience"][: SensorIndex.GNSS_TRAILER + 1] = _LONGER_S
-    f["gates"] = [float(chdtri(m, gate_probability)) for m in lengths.values()]
+    f["gates"] = [float(chdtri(m, gate_probability)) for m in INNOVATION_SIZES]
     f["heights"] = sensors.antenna_height_t, sensors.antenna_height_i
     f["memory_s"] = memory_s
     f["unfollowed"][[State.X, State.Y]] = sensors.position_variance

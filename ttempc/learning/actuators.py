@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..jit import cached_njit
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from ..types import FloatArray, Input, Sensor
 from ..vehicle import Vehicle
 from .learner import Identification, ParameterChange

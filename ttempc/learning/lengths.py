@@ -29,13 +29,12 @@ from ..jit.rows import WIDTH
 from ..layout import FLOAT, SAMPLE, measurements_of
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
-    LENGTH,
     SIZE,
     STATES,
-    SensorIndex,
-    measure,
     move_augmented_state,
 )
+from ..models.measurement import measure
+from ..sensors import STARTING_SENSORS, SensorIndex
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, TURNING, Identification, ParameterChange
@@ -287,7 +286,7 @@ class _Replay:
         samples, counts = _means(axle_points(flat.samples, headings, heights))
         ticks = flat.ticks[~np.isnan(flat.ticks[:, COMMAND]).any(axis=1)]
         ends, sent, dead_times = ticks[:, TIME], ticks[:, COMMAND], vehicle.dead_times
-        of_sensor = [samples[samples[:, 1] == index] for index in range(len(LENGTH))]
+        of_sensor = [samples[samples[:, 1] == index] for index in range(len(STARTING_SENSORS))]
         if len(ends) < 2 or not all(map(len, of_sensor)):
             return None
         begin = max(ends[0] + dead_times.min(), *(own[0, 0] for own in of_sensor))
@@ -403,8 +402,8 @@ def _means(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     has for its sensor, so that its variance is known; what is left over at a gap is dropped, and so
     are float solutions.
     """
-    result, counts = [np.empty((0, SAMPLE))], np.ones(len(LENGTH))
-    for index in range(len(LENGTH)):
+    result, counts = [np.empty((0, SAMPLE))], np.ones(len(STARTING_SENSORS))
+    for index in range(len(STARTING_SENSORS)):
         usable = np.isfinite(rows).all(axis=1) & (rows[:, 4] != FLOAT)
         own = rows[(rows[:, 1] == index) & usable]
         own = own[np.unique(own[:, 0], return_index=True)[1]]

@@ -9,7 +9,7 @@ import numpy as np
 from ..jit import cached_njit, local, record
 from ..jit.rows import WIDTH, add_row, clear_row, scale_row, set_row
 from ..layout import ESTIMATE
-from ..types import Disturbance, FloatArray, Input, MapDisturbance, Sensor, State
+from ..types import Disturbance, FloatArray, Input, MapDisturbance, State
 from ..vehicle import Vehicle
 
 
@@ -183,19 +183,6 @@ class VehicleParameter(IntEnum):
     DEAD_TIME_HP = 13
     REVERSE = 14  # 1 or 0
     JOINT = 15  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
-
-
-class SensorIndex(IntEnum):
-    """Number of each sensor in the kernels; the names are those of `Sensor`."""
-
-    GNSS_TRACTOR = 0
-    GNSS_TRAILER = 1
-    STEERING_TRACTOR = 2
-    STEERING_TRAILER = 3
-    HITCH = 4
-    ENCODER = 5
-    IMU_TRACTOR = 6
-    IMU_TRAILER = 7
 
 
 def vehicle_parameters(vehicle: Vehicle, joint: bool = False) -> FloatArray:
@@ -428,88 +415,3 @@ def advance_augmented_state(
             transition[i, i] += 1.0
         for j in range(STATES, SIZE):
             transition[j, j] = 1.0 + faded[j - STATES] * transition[j, j] / term
-
-
-@cached_njit(error_model="numpy")
-def measure(
-    sensor: int,
-    x: FloatArray,
-    parameters: FloatArray,
-    span_s: float,
-    reading: FloatArray,
-    jacobian: FloatArray,
-) -> int:
-    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 24).
-
-    Returns the number of entries of the reading, 1 or 2. `sensor` is a `SensorIndex` as a number.
-    The reading of a gyro is the integral of its yaw rate over the time `span_s` since its last
-    sample; the other sensors do not need it.
-    """
-    for j in range(jacobian.shape[1]):
-        jacobian[0, j] = jacobian[1, j] = 0.0
-    error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
-    if sensor == SensorIndex.GNSS_TRACTOR:
-        reading[0], reading[1] = x[AugmentedState.X] - error_x, x[AugmentedState.Y] - error_y
-        jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
-        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = -1.0
-        return 2
-    if sensor == SensorIndex.GNSS_TRAILER:
-        psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-        psi_d = psi_i + x[AugmentedState.DELTA_I]
-        a = parameters[VehicleParameter.HITCH_OFFSET]
-        d = parameters[VehicleParameter.DRAWBAR_LENGTH]
-        length_i = parameters[VehicleParameter.TRAILER_LENGTH]
-        drawbar_x, drawbar_y = d * math.sin(psi_d), -d * math.cos(psi_d)
-        trailer_x, trailer_y = length_i * math.sin(psi_i), -length_i * math.cos(psi_i)
-        tractor_x, tractor_y = a * math.sin(psi_t), -a * math.cos(psi_t)
-        reading[0] = x[AugmentedState.X] + tractor_y + drawbar_y + trailer_y + error_x
-        reading[1] = x[AugmentedState.Y] - tractor_x - drawbar_x - trailer_x + error_y
-        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = 1.0
-        jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
-        jacobian[0, AugmentedState.PSI_T] = tractor_x
-        jacobian[1, AugmentedState.PSI_T] = tractor_y
-        jacobian[0, AugmentedState.PSI_I] = drawbar_x + trailer_x
-        jacobian[1, AugmentedState.PSI_I] = drawbar_y + trailer_y
-        jacobian[0, AugmentedState.DELTA_I] = drawbar_x
-        jacobian[1, AugmentedState.DELTA_I] = drawbar_y
-        return 2
-    if sensor == SensorIndex.HITCH:
-        psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-        reading[0] = psi_t - psi_i - x[AugmentedState.DELTA_I] + x[AugmentedState.OFFSET_HITCH]
-        jacobian[0, AugmentedState.PSI_T] = jacobian[0, AugmentedState.OFFSET_HITCH] = 1.0
-        jacobian[0, AugmentedState.PSI_I] = -1.0
-        jacobian[0, AugmentedState.DELTA_I] = -1.0
-        return 1
-    if sensor == SensorIndex.IMU_TRACTOR or sensor == SensorIndex.IMU_TRAILER:
-        body = sensor - SensorIndex.IMU_TRACTOR
-        psi, past = AugmentedState.PSI_T + body, AugmentedState.PAST_T + body
-        bias = AugmentedState.GYRO_T + body
-        reading[0] = x[psi] - x[past] + span_s * x[bias]
-        jacobian[0, psi], jacobian[0, past], jacobian[0, bias] = 1.0, -1.0, span_s
-        return 1
-    if sensor == SensorIndex.STEERING_TRACTOR:
-        entry = AugmentedState.DELTA_T
-    elif sensor == SensorIndex.STEERING_TRAILER:
-        entry = AugmentedState.DELTA_I
-    else:
-        entry = AugmentedState.RIM
-    reading[0] = x[entry]
-    jacobian[0, entry] = 1.0
-    if entry == AugmentedState.DELTA_I:
-        share = 1.0 - parameters[VehicleParameter.JOINT]
-        reading[0] += share * x[AugmentedState.OFFSET_I]
-        jacobian[0, AugmentedState.OFFSET_I] = share
-    return 1
-
-
-LENGTH: Final = {
-    Sensor.GNSS_TRACTOR: 2,
-    Sensor.GNSS_TRAILER: 2,
-    Sensor.STEERING_TRACTOR: 1,
-    Sensor.STEERING_TRAILER: 1,
-    Sensor.HITCH: 1,
-    Sensor.ENCODER: 1,
-}
-"""Entries of a sample of each sensor with a model, in the order of `SensorIndex`.
-
-Estimators ignore the samples of all others, but for the yaw rates of IMUs."""

@@ -13,12 +13,12 @@ from ttempc.models.augmented_state import (
     SIZE,
     STATES,
     AugmentedState,
-    SensorIndex,
-    measure,
     vehicle_parameters,
     write_estimate,
 )
 from ttempc.models.kinematics import articulated
+from ttempc.models.measurement import measure
+from ttempc.sensors import SensorIndex
 from ttempc.types import Disturbance, Estimate, FloatArray, Input, Sensor, State
 from ttempc.vehicle import Vehicle
 

@@ -21,17 +21,16 @@ from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
     INITIAL_SD,
-    LENGTH,
     SIZE,
     STATES,
     AugmentedState,
-    SensorIndex,
     advance_augmented_state,
     state_rate,
     state_rate_jacobian,
     vehicle_parameters,
 )
 from ttempc.models.kinematics import articulated
+from ttempc.sensors import STARTING_SENSORS, SensorIndex
 from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -148,7 +147,7 @@ def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative(
 
 def samples(augmented, generator, time_s):
     measurements = []
-    for sensor in LENGTH:
+    for sensor in STARTING_SENSORS:
         value = predicted_measurement(sensor, augmented, VEHICLE)[0]
         value = value + SensorNoise().of(sensor) * generator.normal(size=len(value))
         measurements.append(Measurement(time_s, sensor, tuple(value.tolist())))

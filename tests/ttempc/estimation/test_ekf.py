@@ -22,7 +22,8 @@ from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.layout import sample_rows
 from ttempc.learning.lengths import axle_points
 from ttempc.models import augmented_state
-from ttempc.models.augmented_state import LENGTH, SIZE, STATES, AugmentedState
+from ttempc.models.augmented_state import SIZE, STATES, AugmentedState
+from ttempc.sensors import ROW_OF, STARTING_SENSORS
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
 
 SEEDS = range(8)
@@ -51,14 +52,14 @@ def test_state_errors_are_as_large_as_the_covariance_says(drives):
     assert low < np.sum(squares) / freedom < high
 
 
-@pytest.mark.parametrize("sensor", LENGTH)
+@pytest.mark.parametrize("sensor", STARTING_SENSORS)
 def test_innovations_are_as_large_as_predicted(drives, sensor):
     """Innovations of a filter on its own model are white: their mean square has a 99 % band.
 
     Six sensors together leave it by chance for 6 % of all seeds.
     """
     squares = np.concatenate([drive.normalised_innovations(sensor) for drive in drives])
-    freedom = LENGTH[sensor] * len(squares)
+    freedom = ROW_OF[sensor].length * len(squares)
     low, high = chi2.ppf([0.005, 0.995], freedom) / freedom
     assert low < squares.sum() / freedom < high
 
@@ -77,7 +78,7 @@ def perfect_set(state, time_s):
     augmented = np.concatenate([state, np.zeros(SIZE - STATES)])
     return [
         Measurement(time_s, s, tuple(predicted_measurement(s, augmented, VEHICLE)[0].tolist()))
-        for s in LENGTH
+        for s in STARTING_SENSORS
     ]
 
 
@@ -302,7 +303,7 @@ def test_roll_and_pitch_move_the_slip_that_is_fixed_in_the_map(yaw):
             time_s, tilted = PERIOD_S * k, 1.0 if k >= 5 else 0.0
             samples = [
                 Measurement(time_s, s, tuple(predicted_measurement(s, straight, VEHICLE)[0]))
-                for s in LENGTH
+                for s in STARTING_SENSORS
             ]
             samples += [imu(s, time_s, tilted * roll, tilted * pitch) for s in IMUS]
             estimates.append(estimator.update(time_s, samples, Command(0.0, 0.0, 0.0)))
