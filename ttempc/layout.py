@@ -23,10 +23,12 @@ class SampleColumn(IntEnum):
     """Columns of a row that is a sample of a sensor."""
 
     TIME_S = 0  # at which the sample was taken
-    SENSOR = 1  # `SensorIndex`
-    FIRST = 2  # entries of the sample, 0 where it has fewer of them: of an IMU the yaw rate,
-    SECOND = 3  # roll,
-    THIRD = 4  # and pitch; of a position, its `Measurement.status`
+    SENSOR = 1  # number of the sensor, see `SensorIndex`
+    # Entries of the sample, 0 where it has fewer of them. Of an IMU they are yaw rate, roll and
+    # pitch; the third one of a position is its `Measurement.status`.
+    FIRST = 2
+    SECOND = 3
+    THIRD = 4
 
 
 SAMPLE: Final = len(SampleColumn)
@@ -108,15 +110,15 @@ def measurements_of(rows: FloatArray) -> list[Measurement]:
 ESTIMATE: Final = np.dtype(
     [
         ("time_s", "f8"),
-        ("state", "f8", 7),  # see `State`
+        ("state", "f8", 7),  # in the order of `State`
         ("trailer_xy", "f8", 2),
         ("hitch_angle", "f8"),
-        ("disturbance", "f8", 5),  # see `Disturbance`
-        ("map_disturbance", "f8", 4),  # see `MapDisturbance`
+        ("disturbance", "f8", 5),  # in the order of `Disturbance`
+        ("map_disturbance", "f8", 4),  # in the order of `MapDisturbance`
         ("noise_factors", "f8", 3),  # NaN where the estimator learns none
         ("covariance", "f8", (7, 7)),
         ("nis", "f8"),  # sum of the normalised squared innovations of this tick's samples
-        ("nis_dof", "f8"),  # and its degrees of freedom
+        ("nis_dof", "f8"),  # degrees of freedom of `nis`
         ("position_seen", "f8"),  # 1 where a GNSS sample was accepted at this tick
     ]
 )
@@ -125,7 +127,7 @@ ESTIMATE: Final = np.dtype(
 class InnovationColumn(IntEnum):
     """Columns of a row that is the innovation of a sample, see `Innovation`."""
 
-    SENSOR = 0  # `SensorIndex`
+    SENSOR = 0  # number of the sensor, see `SensorIndex`
     NORMALISED_SQUARED = 1  # infinite where the filter could not compare the sample
     DIMENSION = 2  # 0 where there is no innovation of this sample
     ACCEPTED = 3  # 1 if the filter used the sample
@@ -241,9 +243,9 @@ TICK: Final = np.dtype(
         ("law", "f8"),  # why another law than the controller's own acted, a code of its own
         ("leaves_corridor", "f8"),
         ("mode", "f8"),  # of the supervisor, see `ttempc.guidance.supervisor`
-        ("reason", "f8"),  # of a mode or of half speed, likewise
+        ("reason", "f8"),  # of a mode or of half speed, see there
         ("jump_m", "f8"),  # of the error; 0: none
-        ("cut", "f8", 3),  # what is wrong with a user's command, likewise
+        ("cut", "f8", 3),  # what is wrong with a user's command, see there
         ("sample", "f8"),  # of the reference to which the errors are
         ("stopping", "f8"),
         ("waits", "f8"),  # whether the reference stays at this tick

@@ -60,7 +60,7 @@ class SensorRow:
     kind: SensorKind
     body: Body  # that carries the sensor; of a hitch angle the tractor
     components: tuple[str, ...]  # names of the entries of a sample, each with its unit
-    noise: str  # field of `SensorNoise` with the standard deviation of an entry
+    noise: str  # field of `SensorNoise` with the standard deviation of an entry, or `OTHERS`
     needed_at_start: bool  # whether the filter needs a sample of it to start
     used_by_filter: bool = True  # whether the filter has a measurement equation for it
 
@@ -79,6 +79,9 @@ class SensorRow:
         """Number of entries of an innovation; an IMU is compared by its yaw rate only."""
         return 2 if self.kind is SensorKind.POSITION else 1
 
+
+OTHERS: Final = "others"
+"""`SensorRow.noise` of a sensor whose noise is an entry of `SensorNoise.others`."""
 
 _POSITION: Final = ("x_m", "y_m")
 _INERTIAL: Final = ("yaw_rate_radps", "roll_rad", "pitch_rad")

@@ -52,7 +52,7 @@ class Disturbance(IntEnum):
     SLIP_I = 1  # [rad] side slip of the trailer axle
     STEERING = 2  # [rad] added to the measured front steering: bias, slip of the front axle
     DRIVE = 3  # [m/s^2] added to the acceleration by the hydrostat: soil drag, slope
-    WHEEL = 4  # wheel slip 1 - v / rim, rim: speed of the rims of the driven wheels
+    WHEEL = 4  # wheel slip 1 - v / rim, with the speed of the driven wheels' rims
 
 
 class MapDisturbance(IntEnum):
@@ -65,8 +65,8 @@ class MapDisturbance(IntEnum):
 
     SIDE_X = 0  # [rad] east
     SIDE_Y = 1  # [rad] north
-    CLIMB_X = 2  # wheel slip on the way east
-    CLIMB_Y = 3  # wheel slip on the way north
+    CLIMB_X = 2  # wheel slip of a vehicle that drives east
+    CLIMB_Y = 3  # wheel slip of a vehicle that drives north
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class Innovation(NamedTuple):
     dimension: int
     accepted: bool = True  # False where the gate kept the sample out of the estimate
     whitened: tuple[float, ...] = ()  # L^-1 nu with S = L L'; empty where it is not known
-    log_determinant: float = math.nan  # log det S
+    log_determinant: float = math.nan  # log det S, NaN where it is not known
 
 
 @dataclass(frozen=True, slots=True)

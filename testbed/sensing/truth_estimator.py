@@ -43,7 +43,8 @@ class TruthEstimator:
     """
 
     def __init__(self, truth: Callable[[], Truth], vehicle: Vehicle) -> None:
-        self._truth, self._vehicle = truth, vehicle
+        self._truth = truth
+        self._vehicle = vehicle
         self._last: Truth | None = None
         self._disturbance = np.zeros(len(Disturbance))
 
@@ -56,9 +57,12 @@ class TruthEstimator:
             self._learn(self._last, truth, command)
         self._last = truth
         state = np.empty(len(State))
-        state[State.X], state[State.Y] = truth.tractor.x, truth.tractor.y
-        state[State.PSI_T], state[State.PSI_I] = truth.tractor.yaw, truth.trailer.yaw
-        state[State.DELTA_T], state[State.DELTA_I] = truth.delta_t, truth.delta_i
+        state[State.X] = truth.tractor.x
+        state[State.Y] = truth.tractor.y
+        state[State.PSI_T] = truth.tractor.yaw
+        state[State.PSI_I] = truth.trailer.yaw
+        state[State.DELTA_T] = truth.delta_t
+        state[State.DELTA_I] = truth.delta_i
         state[State.V] = truth.wheel_speed * (1.0 - self._disturbance[Disturbance.WHEEL])
         return Estimate(
             time_s,
@@ -72,7 +76,8 @@ class TruthEstimator:
     def _learn(self, last: Truth, truth: Truth, command: Command) -> None:
         """Average the disturbances of the period between two ticks into those before."""
         along, across_t = _displacement(last.tractor, truth.tractor)
-        period, rim = truth.time_s - last.time_s, 0.5 * (last.wheel_speed + truth.wheel_speed)
+        period = truth.time_s - last.time_s
+        rim = 0.5 * (last.wheel_speed + truth.wheel_speed)
         if abs(along) < _LEAST_M or abs(rim) * period < _LEAST_M:
             return
         _, across_i = _displacement(last.trailer, truth.trailer)
@@ -103,6 +108,8 @@ def _turn(last: Pose, pose: Pose) -> float:
 def _displacement(last: Pose, pose: Pose) -> tuple[float, float]:
     """Return the displacement along and across the mean heading of two poses [m]."""
     heading = last.yaw + 0.5 * _turn(last, pose)
-    cos, sin = math.cos(heading), math.sin(heading)
-    dx, dy = pose.x - last.x, pose.y - last.y
+    cos = math.cos(heading)
+    sin = math.sin(heading)
+    dx = pose.x - last.x
+    dy = pose.y - last.y
     return cos * dx + sin * dy, cos * dy - sin * dx

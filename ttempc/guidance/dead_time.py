@@ -9,7 +9,8 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..estimation.filter import SAME_TIME_S, steps_over
+from ..estimation.filter.predict import steps_over
+from ..estimation.filter.records import SAME_TIME_S
 from ..jit import cached_njit, record
 from ..layout import ESTIMATE, estimate_row
 from ..models.augmented_state import (

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.estimation.filter import first_state
+from ttempc.estimation.filter.start import first_state
 from ttempc.estimation.noise import SensorNoise
 from ttempc.models.kinematics import wrap_angle
 from ttempc.mpc.qp import QP, CheckedSolver

@@ -16,7 +16,10 @@ from tests.reference.estimation.augmented_state import (
 )
 from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
-from ttempc.estimation import filter as kernels
+from ttempc.estimation.filter.correct import CORRECTION_SIZE, Reading, correct
+from ttempc.estimation.filter.predict import predict, steps_over
+from ttempc.estimation.filter.records import FILTER, SNAPSHOT, filter_parameters
+from ttempc.estimation.filter.start import initial_snapshot
 from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
@@ -155,26 +158,23 @@ def samples(augmented, generator, time_s):
 
 
 class Plain:
-    """One moment of a filter, predicted and corrected by the kernels."""
+    """One snapshot of a filter, predicted and corrected by the kernels."""
 
     def __init__(self, readings, sensors, noise, gate):
-        self.parameters = kernels.filter_parameters(VEHICLE, sensors, noise, gate)
-        self.row = kernels.first_moment({m.sensor: m for m in readings}, VEHICLE, sensors, noise)
-        self.now = self.row.view(kernels.MOMENT)[0]
-        self.variance = self.parameters.view(kernels.FILTER)[0]["variances"]
+        self.parameters = filter_parameters(VEHICLE, sensors, noise, gate)
+        self.row = initial_snapshot({m.sensor: m for m in readings}, VEHICLE, sensors, noise)
+        self.now = self.row.view(SNAPSHOT)[0]
+        self.variance = self.parameters.view(FILTER)[0]["variances"]
         self.augmented = self.now["augmented"][:, :SIZE]
         self.covariances = self.now["covariances"][:, :, :SIZE]
 
     def predict(self, command, span_s):
-        kernels.predict(self.parameters, self.row, command, span_s, kernels.steps_over(span_s))
+        predict(self.parameters, self.row, command, span_s, steps_over(span_s))
 
     def correct(self, sample):
         index = int(SensorIndex[sample.sensor.name])
-        value, variance = (sample.value[0], sample.value[-1]), self.variance[index]
-        rows = np.empty((8, 2, WIDTH))
-        return kernels.correct(
-            self.parameters, self.row, index, *value, variance, False, True, rows
-        )
+        reading = Reading(index, sample.value[0], sample.value[-1], self.variance[index])
+        return correct(self.parameters, self.row, reading, False, True, np.empty(CORRECTION_SIZE))
 
 
 def test_the_filter_is_that_of_the_textbook():
@@ -266,7 +266,8 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
                 spread = by @ now.covariances[0] @ by.T + variance * np.eye(len(by))
                 normalised, *_ = now.correct(sample)
                 likelihood -= 0.5 * (normalised + np.log(np.linalg.det(spread)))
-        learnt, information = now.now["scales"][:, scale]  # hardly more than that of the start
+        learnt = now.now["scales"][scale]
+        information = now.now["information"][scale]  # hardly more than at the start
         score = (learnt - factor) * information / factor**2
         return now, likelihood, score, math.sqrt(information - 1e8) / factor
 

@@ -10,7 +10,7 @@ import pytest
 from tests.reference.estimation.augmented_state import density, predicted_measurement
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.filter import first_state
+from ttempc.estimation.filter.start import first_state
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.augmented_state import SIZE, STATES, AugmentedState
 from ttempc.models.kinematics import articulated
