@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from ..layout import ALARM
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from ..types import FloatArray
 from .history import kernel
 from .interface import Reaction

@@ -1,6 +1,6 @@
 """Exclusion of sensors by the alarms of detectors."""
 
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from .board import WARN, AlarmColumn, Record, stands
 from .history import kernel
 from .position import excludes_gnss

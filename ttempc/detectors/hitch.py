@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from ..types import Disturbance, MapDisturbance, State
 from .board import InnovationColumn, Record, TickData, stands
 from .history import forget, kernel, remember, sums

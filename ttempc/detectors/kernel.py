@@ -6,7 +6,7 @@ import numpy as np
 
 from ..jit import record
 from ..layout import ESTIMATE
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from ..types import FloatArray
 from .board import BOARD, Record, TickData, latch_alarms, new_board
 from .drift import DRIFT, new_drift, observe_drift

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from ..types import Disturbance, FloatArray, State
 from .board import WARN, AlarmColumn, Record, TickData, stands
 from .history import kernel

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from ..types import FloatArray
 from .board import ENDS, Record, SampleColumn, TickData, stands
 from .history import cusum, kernel

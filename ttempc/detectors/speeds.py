@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from ..layout import FLOAT
-from ..models.augmented_state import SensorIndex, VehicleParameter
+from ..models.augmented_state import VehicleParameter
+from ..sensors import SensorIndex
 from ..types import FloatArray, Input
 from .board import Record, SampleColumn, TickData
 from .history import Entry, forget, kernel, mean_in_span, median, remember

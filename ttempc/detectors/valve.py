@@ -10,7 +10,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex, VehicleParameter
+from ..models.augmented_state import VehicleParameter
+from ..sensors import SensorIndex
 from ..types import FloatArray
 from ..vehicle import MAX_DEAD_TIME_S
 from .board import Record, SampleColumn, TickData

@@ -17,6 +17,7 @@ from ..models.augmented_state import (
     SIZE,
     STATES,
     AugmentedState,
+    Step,
     VehicleParameter,
     move_augmented_state,
     vehicle_parameters,
@@ -154,8 +155,8 @@ def predict_to(lead: Lead, commands: FloatArray, estimate: FloatArray) -> None:
     for i in range(4):
         x[AugmentedState.SIDE_X + i] = e.map_disturbance[i]
     valves, acting = np.empty(2), np.empty(3)
-    lasting, faded = np.zeros(2 * (SIZE - STATES)), np.empty(SIZE - STATES)
-    middle, inputs = np.empty(SIZE), np.empty(3)
+    lasting = np.zeros(2 * (SIZE - STATES))  # rates of disturbances that do not fade
+    step = Step(middle=np.empty(SIZE), inputs=np.empty(3), fading=np.empty(SIZE - STATES))
     for n in range(lead.whole + 1, -1, -1):
         span_s = part_s if n == lead.whole else period_s
         for j in range(3):
@@ -172,9 +173,7 @@ def predict_to(lead: Lead, commands: FloatArray, estimate: FloatArray) -> None:
             continue
         steps = steps_over(span_s)
         for _ in range(steps):
-            move_augmented_state(
-                x, valves, acting, parameters, lasting, span_s / steps, middle, inputs, faded
-            )
+            move_augmented_state(x, valves, acting, parameters, lasting, span_s / steps, step)
     write_estimate(x, covariance, parameters, estimate)
     e.time_s += lead.ahead_s
     for i in range(STATES):
