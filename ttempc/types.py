@@ -46,7 +46,7 @@ class Input(IntEnum):
 
 
 class Disturbance(IntEnum):
-    """Index of each entry of a disturbance that acts on the vehicle beside its inputs."""
+    """Index of each entry of a disturbance that acts on the vehicle in addition to its inputs."""
 
     SLIP_T = 0  # [rad] side slip of the rear axle, which moves along psi_t + slip
     SLIP_I = 1  # [rad] side slip of the trailer axle
@@ -90,7 +90,7 @@ class Innovation(NamedTuple):
     sensor: Sensor
     normalised_squared: float  # nu' S^-1 nu, chi-square with `dimension` degrees of freedom
     dimension: int
-    accepted: bool = True  # False where the gate kept the sample out of the estimate
+    accepted: bool = True  # False where the gate rejected the sample
     whitened: tuple[float, ...] = ()  # L^-1 nu with S = L L'; empty where it is not known
     log_determinant: float = math.nan  # log det S, NaN where it is not known
 
@@ -233,7 +233,8 @@ class Controller(Protocol):
     """Anything that turns an estimate into a command once every control period.
 
     A controller owns its reference and its memory; it never sees the plant. Tick k belongs to
-    time k * period of the reference, which waits where the vehicle is held up: then k repeats.
+    time k * period of the reference. It waits where the supervisor slows the vehicle: then k
+    repeats.
     """
 
     def step(self, estimate: Estimate, k: int) -> ControlStep | Command:

@@ -35,7 +35,8 @@ Place = Literal["open-sky", "wood", "street"]
 PLACES: Final[tuple[Place, ...]] = get_args(Place)
 
 TABLE: Final = Path(__file__).with_name("receivers.toml")
-# Kinds of a solution beside `FLOAT`, in the numbers of RTKLIB; a receiver calls a wrong fix fixed
+# Kinds of a solution other than `FLOAT`, in the numbers of RTKLIB. A receiver says of a wrong fix
+# that it is fixed.
 FIXED: Final = 1.0
 WRONG: Final = 3.0
 SHARED_VARIANCE: Final = 0.5  # of the correlated part under an open sky; assumed
@@ -219,7 +220,7 @@ def _change_solutions(
 ) -> None:
     """Let each antenna lose or find its fix, and advance the offset of float and wrong solutions.
 
-    A float solution's offset is a first-order process over u, of which the share `kept` stays.
+    A float solution's offset is a first-order process over u, of which the share `stays` remains.
     """
     s = record(state, STATE)
     p = record(parameters, RECEIVER)
@@ -228,7 +229,7 @@ def _change_solutions(
     found = p.found_per_s * later_s + p.found_per_m * travelled
     # Share of the epoch's rates that acts, as the chain may change back
     acts = -math.expm1(-(lost + found)) / (lost + found) if lost + found > 0.0 else 0.0
-    kept = math.exp(-min(later_s / p.time + travelled / p.float_length, _LONG))
+    stays = math.exp(-min(later_s / p.time + travelled / p.float_length, _LONG))
     for antenna in range(2):
         floats = s.solution[antenna] == FLOAT
         keep = 1.0  # share of the offset that stays
@@ -246,8 +247,8 @@ def _change_solutions(
             else:
                 s.solution[antenna] = FIXED
         elif floats:
-            keep = kept
-            sd = p.float_sd * math.sqrt(1.0 - kept * kept)
+            keep = stays
+            sd = p.float_sd * math.sqrt(1.0 - stays * stays)
         for axis in range(2):
             added = sd * draws.offset[antenna, axis]
             s.offset[antenna, axis] = keep * s.offset[antenna, axis] + added

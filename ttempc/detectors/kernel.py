@@ -32,7 +32,7 @@ from .steering import observe_standstill, observe_steering
 from .table import DetectorIndex
 from .valve import VALVE, compare_valve, new_valve
 
-_JUDGED: Final = int(SensorIndex.IMU_TRACTOR)  # sensors whose readings are judged, the first ones
+_JUDGED: Final = int(DetectorIndex.STEERING_FRONT)  # sensors with a detector of their readings
 
 DETECTORS: Final = np.dtype(
     [

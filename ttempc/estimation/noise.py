@@ -119,7 +119,7 @@ class NoiseScale(IntEnum):
     """Index of each factor of process variances that the filter learns."""
 
     GROUND = 0  # roughness: bumps and soil, felt by both bodies and the steering linkages
-    WHEEL = 1  # change of the persistent wheel slip along the way
+    WHEEL = 1  # change of the persistent wheel slip over the distance
     VALVES = 2  # deviation of both steering valves from their model
 
 
@@ -173,7 +173,7 @@ class ProcessNoise:
     # Variances that no factor changes
     drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
-    joint: float = 0.0005  # what loads turn RJ2 beside its set point, at the start [rad]; assumed
+    joint: float = 0.0005  # turn of RJ2 off its set point by loads, at the start [rad]; assumed
     joint_walk: float = 0.0002  # random walk of it at a factor WHEEL of 1 [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 

@@ -110,7 +110,7 @@ _CONVERGED: Final = 1e-2
 # standard deviations of white residuals.
 _WORTH: Final = 16.0
 _PROMISING: Final = 0.5  # share of it that a linear forecast must reach; assumed
-_DEPENDENT: Final = 1e-20  # squares of a column beside others, relative, that count as none
+_DEPENDENT: Final = 1e-20  # share of the squares of a column that counts as none
 # A value changes where it differs by three standard deviations and by more than a tenth of a
 # control period, which costs nothing to leave, and where it is known to half a period.
 _SIGNIFICANT: Final = 3.0
@@ -207,7 +207,7 @@ class _Response:
 
     starts: FloatArray  # (m,) of the commands [s], from the first of them
     commands: FloatArray  # (m,)
-    times: FloatArray  # (n,) of the samples [s], likewise
+    times: FloatArray  # (n,) of the samples [s], from the first command
     samples: FloatArray  # (n,)
     lag: float  # of the vehicle, with which the search begins
     rate: float

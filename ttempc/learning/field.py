@@ -21,7 +21,7 @@ _BESIDE_M: Final = 0.5  # between a pass and an earlier one on the same line, at
 _TURNED_RAD: Final = 0.2  # between their headings, at most
 _SHARE: Final = 0.6  # of the distance between two ticks, ahead or behind, that belongs to the first
 _AFTER_M: Final = 10.0  # of driving between both passes, at least
-_WEIGHT_M: Final = _BESIDE_M / _TURNED_RAD  # of a heading beside a position
+_WEIGHT_M: Final = _BESIDE_M / _TURNED_RAD  # of a heading, relative to a position
 _SMOOTH_M: Final = (1.2, 1.2, 0.8)
 """Standard deviation of the Gaussian weights along the path [m]: between the error of a difference
 of estimated positions and the length of a patch; of 0.5 to 2 m the best on tuning seeds."""
@@ -55,7 +55,7 @@ MAP_STATE: Final = np.dtype(
         ("share", "f8", MAPPED),  # of a change between means that is to be expected
     ]
 )
-"""Record of what a map remembers beside its places."""
+"""Record of the state of a map, without its places."""
 
 
 class Places(NamedTuple):
@@ -74,7 +74,7 @@ class FieldMap:
     A place is a control tick of the reference on its first pass over a line; later ticks belong to
     the nearest place within 0.5 m and 0.2 rad. What a pass shows is the motion of the estimate. Of
     its position, its headings and the equations of `ttempc.models.kinematics.articulated`, the side
-    slips of both axles and the angle beside the front steering follow by differences over two
+    slips of both axles and the error of the front steering angle follow by differences over two
     periods; Gaussian weights along the path, ahead and behind alike, take noise and lag off. Passes
     are fused as a Kalman filter would, with a variance at every place.
 
@@ -234,7 +234,7 @@ def places(posture: FloatArray, distance: FloatArray) -> NDArray[np.int64]:
     place = np.arange(len(points))
     first, later = KDTree(points).query_pairs(_BESIDE_M, output_type="ndarray").T
 
-    # Those of different passes that stand beside each other
+    # Those of different passes whose distance is across the path
     gap = points[later] - points[first]
     along = gap[:, 0] * np.cos(heading[first]) + gap[:, 1] * np.sin(heading[first])
     step = np.gradient(distance)[first]
@@ -338,7 +338,7 @@ def _turn(angle: float) -> float:
 
 @cached_njit(error_model="numpy", nogil=True)
 def _fuse(at: int, places: Places, state: FloatArray) -> None:
-    """Smooth what the pass showed at a row, and fuse it with what earlier passes have told.
+    """Smooth what the pass showed at a row, and fuse it with what earlier passes have shown.
 
     Where more than a tenth of the weights is missing the pass tells nothing.
     """

@@ -78,7 +78,7 @@ def replay(
 
     `events` (n, `EVENT`) are as in `EventColumn`. `parameters` and `snapshot` are those of the
     filter; a sample beyond its gate is used with its noise raised until it just passes. A copy of
-    the state runs beside the filter for each parameter of the fit, which is raised by a small step:
+    the state runs along with the filter for each parameter of the fit, raised by a small step:
     `copies` (p, 24) are these states, `copy_parameters` (p, 16) their vehicles. With the whitened
     innovations r and their derivatives J by the steps of the parameters, J' J is added to `normal`
     (p, p) and J' r, block by block, to `gradients` (blocks, p).
@@ -296,7 +296,7 @@ def fit_lengths(
 
     with theta_0 the lengths of `given` and P0 = diag(0.2 theta_0)^2, where that of the turning
     offset c is a fifth of the tool's distance behind the axle. Side slip and the bias of the
-    front steering, which the filter estimates beside, could pass for a wrong wheelbase on a steady
+    front steering, which the filter estimates too, could pass for a wrong wheelbase on a steady
     curve; curves to both sides, or a curve and a straight, tell them apart. On a straight the
     samples see the sum of hitch offset, drawbar and trailer length alone.
 
@@ -468,7 +468,7 @@ def _covariance(normal: FloatArray, gradients: FloatArray) -> FloatArray:
 
 
 def _tolerance(lengths: FloatArray, roughness: float) -> FloatArray:
-    """Return T (4, 4) [m^2], the covariance of what the fit finds beside the true `lengths`.
+    """Return T (4, 4) [m^2], the covariance of the error of the fit by effects outside the model.
 
     1 % of each length for the geometry. For side slip, 3 % of each length times the root of the
     roughness factor that the filter has learnt (at least 1), but for the sum of hitch offset,

@@ -31,8 +31,8 @@ class AugmentedState(IntEnum):
     RIM = 6  # [m/s] speed of the rim of the driven wheels
     SLIP_T = 7  # [rad] side slip of the rear axle, the part that turns with the vehicle
     SLIP_I = 8  # [rad] side slip of the trailer axle, the part that turns with the vehicle
-    STEERING = 9  # [rad] front steering beside the measured angle
-    DRIVE = 10  # [m/s^2] acceleration of the rim beside the hydrostat's
+    STEERING = 9  # [rad] added to the measured front steering angle
+    DRIVE = 10  # [m/s^2] acceleration of the rim, added to the hydrostat's
     WHEEL = 11  # wheel slip, see `Disturbance`, the part that turns with the vehicle
     SIDE_X = 12  # [rad] side slip of both axles, a vector in the map frame: east
     SIDE_Y = 13  # [rad] north
@@ -41,7 +41,7 @@ class AugmentedState(IntEnum):
     GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
     GNSS_Y = 17  # [m] north
     # [rad] offset of the sensor of the trailer's steering angle; where there is none, the angle by
-    # which loads turn the joint beside its set point. That is a tenth of an offset: one entry
+    # which loads turn the joint off its set point. That is a tenth of an offset: one entry
     # serves both, see `VehicleParameter.JOINT`
     OFFSET_I = 18
     OFFSET_HITCH = 19  # [rad] offset of the hitch sensor; `STEERING` takes up the front sensor's
@@ -437,7 +437,7 @@ def _add_slip_derivatives(
 
 
 class Step(NamedTuple):
-    """What an integration step writes beside the new state."""
+    """Results of an integration step other than the new state."""
 
     middle: FloatArray  # (24,) state in the middle of the step
     inputs: FloatArray  # (3,) that act
@@ -505,7 +505,7 @@ def advance_augmented_state(
     """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
 
     `transition` (24, 24), contiguous, is the exponential of the Jacobian in the middle of the step.
-    `x` may have entries beside.
+    `x` may be longer than 24.
     """
     middle = local((SIZE,))
     inputs = local((3,))

@@ -10,7 +10,7 @@ from ..errors import InvalidTuning
 from ..types import FloatArray
 
 _TAYLOR_TERMS = 15
-_BLOCK = 64  # matrices at a time: a long reference needs little memory beside the result
+_BLOCK = 64  # matrices at a time: a long reference needs little more memory than its result
 
 
 def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:

@@ -1,7 +1,7 @@
 """Memory of the filter for samples that come late: snapshots, samples and commands of the past.
 
-Snapshots stand in a ring, oldest first. They are made on the way, some 0.15 s apart; where none
-stands, samples are processed again from the one before.
+Snapshots stand in a ring, oldest first. They are made some 0.15 s apart; a sample between
+two of them takes the filter back to the earlier one.
 """
 
 from __future__ import annotations

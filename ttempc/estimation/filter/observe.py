@@ -84,7 +84,7 @@ def observe_filter(
     arrival nor on where snapshots stand. If neither a sample nor an update came for more than
     `LONGEST_GAP_S`, or the clock was set back by more, the filter starts anew from the next
     readings, whatever the time in between. It takes over the factors of the noise, and the
-    disturbances, faded as if the vehicle had kept its speed, with the variances of a start.
+    disturbances, faded as if the vehicle had driven on at its speed, with the variances of a start.
     """
     f = record(parameters, FILTER)
     h = record(memory.history, HISTORY)
@@ -385,7 +385,7 @@ def _write_present(
     now_s: float,
     estimate: FloatArray,
 ) -> None:
-    """Predict the newest state to `now_s`, beside the ring, and write the estimate."""
+    """Predict a copy of the newest state to `now_s` and write the estimate of it."""
     h = record(memory.history, HISTORY)
     present = newest
     if now_s - record(newest, SNAPSHOT).time_s > SAME_TIME_S:

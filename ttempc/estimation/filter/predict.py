@@ -297,7 +297,7 @@ def _half_changes(
 
 @cached_njit(error_model="numpy")
 def _keep_unknown_inputs(parameters: FloatArray, snapshot: FloatArray, command: FloatArray) -> None:
-    """Write into a command (3,), where it is NaN, what keeps the valves and the rim speed."""
+    """Replace inputs of a command (3,) that are NaN by those that change nothing."""
     f = record(parameters, FILTER)
     now = record(snapshot, SNAPSHOT)
     for i in range(Input.HP):

@@ -85,7 +85,7 @@ def turned(last: FloatArray, present: FloatArray) -> float:
     """Return the angle by which the heading turned between two samples of an IMU [rad].
 
     Both are rows of `GyroColumn`. The yaw rate w of an IMU is that about the vertical; a vehicle
-    that rolls while it stands at a pitch changes its heading beside it. From the angular velocity
+    that rolls while it stands at a pitch changes its heading in addition. From the angular velocity
     of the angles yaw, pitch and roll (Diebel 2006, sec. 5.6),
 
         psi' = w + roll' sin(pitch).
