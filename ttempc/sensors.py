@@ -18,7 +18,7 @@ class Sensor(StrEnum):
     STEERING_TRACTOR = "steering_tractor"  # (delta_t,) [rad]
     STEERING_TRAILER = "steering_trailer"  # (delta_i,) [rad]
     HITCH = "hitch"  # (beta,) [rad], angle between tractor and drawbar at RJ1
-    ENCODER = "encoder"  # (v,) [m/s], rim speed of the rear wheels
+    ENCODER = "encoder"  # (v,) [m/s], circumferential speed of the rear wheels
     IMU_TRACTOR = "imu_tractor"  # (yaw rate [rad/s], roll, pitch [rad]): left up, nose down
     IMU_TRAILER = "imu_trailer"  # yaw rate, roll and pitch of the trailer
 

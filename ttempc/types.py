@@ -52,7 +52,7 @@ class Disturbance(IntEnum):
     SLIP_I = 1  # [rad] side slip of the trailer axle
     STEERING = 2  # [rad] added to the measured front steering: bias, slip of the front axle
     DRIVE = 3  # [m/s^2] added to the acceleration by the hydrostat: soil drag, slope
-    WHEEL = 4  # wheel slip 1 - v / rim, with the speed of the driven wheels' rims
+    WHEEL = 4  # wheel slip 1 - v / v_w, v_w: circumferential speed of the driven wheels
 
 
 class MapDisturbance(IntEnum):

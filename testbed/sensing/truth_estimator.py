@@ -26,15 +26,16 @@ class TruthEstimator:
 
     The disturbances are what the model lacks to the true motion from tick to tick. With (s, l) and
     (s_i, l_i), the displacements of tractor and trailer point along and across the mean heading of
-    their bodies in a period T, and the symbols of `ttempc.models.kinematics.articulated`:
+    their bodies in a period T, the wheel speed v_w, and the symbols of
+    `ttempc.models.kinematics.articulated`:
 
-        slips    l / s,   (l_i - c dpsi_i) / s,   1 - s / (T rim)
+        slips    l / s,   (l_i - c dpsi_i) / s,   1 - s / (T v_w)
         steering atan(L_t dpsi_t / s) - delta_t
         drive    ((v(k+1) - a v(k)) / (1 - a) - K hp) / tau,   a = exp(-T / tau)
 
     They are averaged over the last `MEMORY_M` metres: a controller can compensate the part that
     persists, not the oscillation of a wheel on the next bump. The speed is, for the same reason,
-    that of the rims less the mean slip. Nothing is counted as fixed in the map: filters
+    the wheel speed less the mean slip. Nothing is counted as fixed in the map: filters
     that split the slips gained up to 0.2 cm on `side-slope` and nothing on `wet-slope`.
 
     Args:
@@ -77,8 +78,8 @@ class TruthEstimator:
         """Average the disturbances of the period between two ticks into those before."""
         along, across_t = _displacement(last.tractor, truth.tractor)
         period = truth.time_s - last.time_s
-        rim = 0.5 * (last.wheel_speed + truth.wheel_speed)
-        if abs(along) < _LEAST_M or abs(rim) * period < _LEAST_M:
+        wheel_speed = 0.5 * (last.wheel_speed + truth.wheel_speed)
+        if abs(along) < _LEAST_M or abs(wheel_speed) * period < _LEAST_M:
             return
         _, across_i = _displacement(last.trailer, truth.trailer)
         vehicle = self._vehicle
@@ -95,7 +96,7 @@ class TruthEstimator:
         present[Disturbance.DRIVE] = (
             steady - vehicle.speed_gain * command.hp
         ) / vehicle.speed_time_constant
-        present[Disturbance.WHEEL] = 1.0 - along / (period * rim)
+        present[Disturbance.WHEEL] = 1.0 - along / (period * wheel_speed)
         weight = -math.expm1(-abs(along) / MEMORY_M)
         self._disturbance += weight * (present - self._disturbance)
 

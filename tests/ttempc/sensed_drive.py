@@ -55,7 +55,7 @@ class SensedDrive:
         controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
         augmented, command = np.zeros(SIZE), None
         augmented[:STATES] = REFERENCE.at(0.0).state
-        self._valves = augmented[AugmentedState.DELTA_T : AugmentedState.RIM].copy()
+        self._valves = augmented[AugmentedState.DELTA_T : AugmentedState.WHEEL_SPEED].copy()
         measurements = self._sample(augmented, 0.0, STARTING_SENSORS)
         for k in range(ticks):
             if self.corrupt:

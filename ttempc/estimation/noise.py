@@ -130,7 +130,7 @@ SCALE_RANGE: Final = ((1e-3, 100.0), (1e-3, 2.0), (1e-1, 1e4))
 
 _OFFSET_WALK: Final = 0.02  # of an angle's offset in a metre, of its size [1/sqrt(m)]; assumed
 _VEHICLE: Final = slice(AugmentedState.X, AugmentedState.DELTA_T)
-_STEERING: Final = slice(AugmentedState.DELTA_T, AugmentedState.RIM)
+_STEERING: Final = slice(AugmentedState.DELTA_T, AugmentedState.WHEEL_SPEED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +171,7 @@ class ProcessNoise:
     steering: float = 0.00165  # lag and backlash of the front steering valve [rad/sqrt(s)]
     steering_i: float = 0.0009  # lag and backlash of the trailer's steering valve [rad/sqrt(s)]
     # Variances that no factor changes
-    drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
+    drive: float = 0.0017  # hydrostat: speed of the wheels [(m/s)/sqrt(s)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
     joint: float = 0.0005  # turn of RJ2 off its set point by loads, at the start [rad]; assumed
     joint_walk: float = 0.0002  # random walk of it at a factor WHEEL of 1 [rad/sqrt(m)]
@@ -232,7 +232,7 @@ class ProcessNoise:
         state = AugmentedState
         deviations = np.zeros((2, 1 + SCALES, SIZE))
         per_second, per_metre = deviations
-        per_second[0, state.RIM] = self.drive
+        per_second[0, state.WHEEL_SPEED] = self.drive
         per_second[0, state.DRIVE] = self.drive_walk
         per_metre[0, state.STEERING] = self.steering_walk
         valves = per_second[1 + NoiseScale.VALVES]

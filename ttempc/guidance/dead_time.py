@@ -140,17 +140,17 @@ def predict_to(lead: Lead, commands: FloatArray, estimate: FloatArray) -> None:
     bias, drive = min(e.disturbance[2], _MOST_SLIP), min(e.disturbance[3], _MOST_SLIP)
     wheel = min(e.disturbance[4], _MOST_SLIP)
     v, cos, sin = x[6], math.cos(x[2]), math.sin(x[2])
-    rim = v / (1.0 - wheel)
-    gear = math.copysign(1.0, rim)
+    wheel_speed = v / (1.0 - wheel)
+    gear = math.copysign(1.0, wheel_speed)
     gx, gy = gear * e.map_disturbance[0], gear * e.map_disturbance[1]
     cx, cy = gear * e.map_disturbance[2], gear * e.map_disturbance[3]
     yaw_rate = v * math.tan(x[4] + bias) / parameters[VehicleParameter.WHEELBASE]
     slip_rate = (cy * cos - cx * sin) * yaw_rate
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
-    x[AugmentedState.RIM], x[AugmentedState.STEERING] = rim, bias
+    x[AugmentedState.WHEEL_SPEED], x[AugmentedState.STEERING] = wheel_speed, bias
     x[AugmentedState.SLIP_T] = slip_t - (gy * cos - gx * sin)  # the part that turns along
     x[AugmentedState.SLIP_I] = slip_i - (gy * math.cos(x[3]) - gx * math.sin(x[3]))
-    x[AugmentedState.DRIVE] = drive + rim * (wheel / tau + slip_rate)
+    x[AugmentedState.DRIVE] = drive + wheel_speed * (wheel / tau + slip_rate)
     x[AugmentedState.WHEEL] = wheel - (cx * cos + cy * sin)
     for i in range(4):
         x[AugmentedState.SIDE_X + i] = e.map_disturbance[i]

@@ -160,8 +160,8 @@ def fit_actuator(
     """Return dead time, lag and backlash of least squared residuals.
 
     None for less than 5 s or 10 lags of driving. The model of `respond` is compared with the
-    samples of a steering angle, of which the mean residual is fitted too, or with the rim speed, of
-    which gain, offset and decay of the start are fitted too (Ljung 1999, System Identification,
+    samples of a steering angle, of which the mean residual is fitted too, or with the wheel speed,
+    of which gain, offset and decay of the start are fitted too (Ljung 1999, System Identification,
     ch. 7: output error). Noise of a sensor does not bias the fit, in a closed loop either, since a
     command answers to earlier samples alone. A backlash, without which worn valves would pass for
     slow ones, and another lag than the vehicle's are fitted only where the squares fall by 16

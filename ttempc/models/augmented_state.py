@@ -14,9 +14,9 @@ from ..vehicle import Vehicle
 
 
 class AugmentedState(IntEnum):
-    """Index of each entry of an augmented state: `State` with the rim speed, then disturbances.
+    """Index of each entry of an augmented state: `State` with the wheel speed, then disturbances.
 
-    The hydrostat drives the wheels, not the vehicle: the rim speed follows the hydrostat with the
+    The hydrostat drives the wheels, not the vehicle: the wheel speed follows the hydrostat with the
     lag tau on any ground, and wheel slip lowers the vehicle's speed without delay. Disturbances
     that turn with the vehicle and disturbances that are fixed in the map have entries of their
     own, because a slope acts on a turning vehicle from a direction that changes all the time.
@@ -28,11 +28,11 @@ class AugmentedState(IntEnum):
     PSI_I = 3  # [rad] yaw of the trailer
     DELTA_T = 4  # [rad] steering angle of the front wheels
     DELTA_I = 5  # [rad] steering angle of the trailer at RJ2
-    RIM = 6  # [m/s] speed of the rim of the driven wheels
+    WHEEL_SPEED = 6  # [m/s] circumferential speed of the driven wheels
     SLIP_T = 7  # [rad] side slip of the rear axle, the part that turns with the vehicle
     SLIP_I = 8  # [rad] side slip of the trailer axle, the part that turns with the vehicle
     STEERING = 9  # [rad] added to the measured front steering angle
-    DRIVE = 10  # [m/s^2] acceleration of the rim, added to the hydrostat's
+    DRIVE = 10  # [m/s^2] acceleration of the wheels, added to the hydrostat's
     WHEEL = 11  # wheel slip, see `Disturbance`, the part that turns with the vehicle
     SIDE_X = 12  # [rad] side slip of both axles, a vector in the map frame: east
     SIDE_Y = 13  # [rad] north
@@ -67,7 +67,7 @@ sensors, more than any sensor in order has; none of the past yaw."""
 
 _V_DEPENDS_ON: Final = (
     int(AugmentedState.PSI_T),
-    int(AugmentedState.RIM),
+    int(AugmentedState.WHEEL_SPEED),
     int(AugmentedState.WHEEL),
     int(AugmentedState.CLIMB_X),
     int(AugmentedState.CLIMB_Y),
@@ -82,9 +82,9 @@ def map_disturbance_gain(
 ) -> FloatArray:
     """Return d `Disturbance` / d `MapDisturbance`, (5, 4), at headings [rad] and speed [m/s].
 
-    The signs change in reverse. With the wheel slip s = e(psi_t)'c the vehicle settles at
-    rim - rim s and loses rim s' as it turns, so that to first order in s the drive disturbance is
-    -v (s / tau + s'). `yaw_rate` is that of the tractor [rad/s].
+    The signs change in reverse. With the wheel slip s = e(psi_t)'c and the wheel speed v_w the
+    vehicle settles at v_w - v_w s and loses v_w s' as it turns, so that to first order in s the
+    drive disturbance is -v (s / tau + s'). `yaw_rate` is that of the tractor [rad/s].
     """
     cos = math.cos(psi_t)
     sin = math.sin(psi_t)
@@ -110,16 +110,16 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (16,).
+    as the wheel speed, its disturbance and the wheel slip do together. `parameters` are (16,).
     """
     e = record(estimate, ESTIMATE)
     psi_t = x[AugmentedState.PSI_T]
     psi_i = x[AugmentedState.PSI_I]
     delta_i = x[AugmentedState.DELTA_I]
     psi_d = psi_i + delta_i
-    rim = x[AugmentedState.RIM]
+    wheel_speed = x[AugmentedState.WHEEL_SPEED]
     steering = x[AugmentedState.STEERING]
-    gear = math.copysign(1.0, rim)
+    gear = math.copysign(1.0, wheel_speed)
     cos = math.cos(psi_t)
     sin = math.sin(psi_t)
     cos_i = math.cos(psi_i)
@@ -130,7 +130,7 @@ def write_estimate(
     climb_y = x[AugmentedState.CLIMB_Y]
     wheel = x[AugmentedState.WHEEL] + gear * (climb_x * cos + climb_y * sin)
     slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
-    v = rim * (1.0 - wheel)
+    v = wheel_speed * (1.0 - wheel)
     yaw_rate = v * math.tan(x[AugmentedState.DELTA_T] + steering)
     yaw_rate /= parameters[VehicleParameter.WHEELBASE]
     slip_rate = slip_by_heading * yaw_rate  # s' [1/s]
@@ -155,17 +155,19 @@ def write_estimate(
     e.disturbance[Disturbance.SLIP_T] = x[AugmentedState.SLIP_T] + on_slope_t
     e.disturbance[Disturbance.SLIP_I] = x[AugmentedState.SLIP_I] + on_slope_i
     e.disturbance[Disturbance.STEERING] = steering
-    e.disturbance[Disturbance.DRIVE] = x[AugmentedState.DRIVE] - rim * (wheel / tau + slip_rate)
+    e.disturbance[Disturbance.DRIVE] = x[AugmentedState.DRIVE] - wheel_speed * (
+        wheel / tau + slip_rate
+    )
     e.disturbance[Disturbance.WHEEL] = wheel
     for i in range(_OF_MAP):
         e.map_disturbance[i] = x[AugmentedState.SIDE_X + i]
 
     speed_slopes = (  # d v / d augmented, at `_V_DEPENDS_ON`
-        -rim * slip_by_heading,
+        -wheel_speed * slip_by_heading,
         1.0 - wheel,
-        -rim,
-        -abs(rim) * cos,
-        -abs(rim) * sin,
+        -wheel_speed,
+        -abs(wheel_speed) * cos,
+        -abs(wheel_speed) * sin,
     )
     _write_covariance(covariance, speed_slopes, estimate)
 
@@ -245,20 +247,20 @@ def _steering(
 class _Slip(NamedTuple):
     """Total slips at present headings, and the parts of them that a slope causes."""
 
-    gear: float  # sign of the rim speed
+    gear: float  # sign of the wheel speed
     side_x: float  # [rad] side slip that is fixed in the map, with the sign of the gear
     side_y: float
     climb_x: float  # wheel slip that is fixed in the map, with the sign of the gear
     climb_y: float
     slip_t: float  # [rad] side slip of the rear axle
     slip_i: float  # [rad] side slip of the trailer axle
-    speed_ratio: float  # v / rim, the share of the rim speed over ground
+    speed_ratio: float  # speed over ground by the wheel speed
 
 
 @cached_njit(error_model="numpy")
 def _slip(x: FloatArray, cos_t: float, sin_t: float, cos_i: float, sin_i: float) -> _Slip:
     """Return the slips of an augmented state, whose headings have these cosines and sines."""
-    gear = math.copysign(1.0, x[AugmentedState.RIM])
+    gear = math.copysign(1.0, x[AugmentedState.WHEEL_SPEED])
     side_x = gear * x[AugmentedState.SIDE_X]
     side_y = gear * x[AugmentedState.SIDE_Y]
     climb_x = gear * x[AugmentedState.CLIMB_X]
@@ -273,18 +275,18 @@ def _slip(x: FloatArray, cos_t: float, sin_t: float, cos_i: float, sin_i: float)
 def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: FloatArray) -> None:
     """Write dx/dt of the first seven entries under `inputs` (3,) into `rate` (7,).
 
-    The model is `articulated` with the total slips, v = rim (1 - s) and
-    rim' = (K hp - rim) / tau + w. The disturbances are constant.
+    The model is `articulated` with the total slips and, with the wheel speed v_w, v = v_w (1 - s)
+    and v_w' = (K hp - v_w) / tau + w. The disturbances are constant.
     """
     psi_t = x[AugmentedState.PSI_T]
     psi_i = x[AugmentedState.PSI_I]
     delta_t = x[AugmentedState.DELTA_T]
     delta_i = x[AugmentedState.DELTA_I]
-    rim = x[AugmentedState.RIM]
+    wheel_speed = x[AugmentedState.WHEEL_SPEED]
     cos_t = math.cos(psi_t)
     sin_t = math.sin(psi_t)
     slip = _slip(x, cos_t, sin_t, math.cos(psi_i), math.sin(psi_i))
-    v = rim * slip.speed_ratio
+    v = wheel_speed * slip.speed_ratio
     rate_t, _ = _steering(x, inputs, parameters, 0)
     rate_i, _ = _steering(x, inputs, parameters, 1)
 
@@ -301,7 +303,7 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     across = v * (math.sin(lam) + slip.slip_t * cos_l - slip.slip_i) - a * yaw_t * cos_l
     yaw_i = (across - d * rate_i * cos_delta_i) / (length_i + d * cos_delta_i)
 
-    steady_rim = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
+    steady_speed = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
     rate[AugmentedState.X] = v * (cos_t - slip.slip_t * sin_t)
     rate[AugmentedState.Y] = v * (sin_t + slip.slip_t * cos_t)
@@ -309,7 +311,7 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     rate[AugmentedState.PSI_I] = yaw_i
     rate[AugmentedState.DELTA_T] = rate_t
     rate[AugmentedState.DELTA_I] = rate_i
-    rate[AugmentedState.RIM] = (steady_rim - rim) / tau + x[AugmentedState.DRIVE]
+    rate[AugmentedState.WHEEL_SPEED] = (steady_speed - wheel_speed) / tau + x[AugmentedState.DRIVE]
 
 
 @cached_njit(error_model="numpy")
@@ -329,12 +331,12 @@ def state_rate_jacobian(
     slip = _slip(x, cos_t, sin_t, cos_i, sin_i)
     yaw = _write_yaw_derivatives(x, inputs, parameters, slip, jacobian)
 
-    v = x[AugmentedState.RIM] * slip.speed_ratio
+    v = x[AugmentedState.WHEEL_SPEED] * slip.speed_ratio
     jacobian[AugmentedState.X, AugmentedState.PSI_T] = -v * (sin_t + slip.slip_t * cos_t)
     jacobian[AugmentedState.Y, AugmentedState.PSI_T] = v * (cos_t - slip.slip_t * sin_t)
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
-    jacobian[AugmentedState.RIM, AugmentedState.RIM] = -1.0 / tau
-    jacobian[AugmentedState.RIM, AugmentedState.DRIVE] = 1.0
+    jacobian[AugmentedState.WHEEL_SPEED, AugmentedState.WHEEL_SPEED] = -1.0 / tau
+    jacobian[AugmentedState.WHEEL_SPEED, AugmentedState.DRIVE] = 1.0
     _add_slip_derivatives(x, cos_t, sin_t, slip, yaw, jacobian)
 
     # The side slip of the trailer's axle turns the trailer only
@@ -365,7 +367,7 @@ def _write_yaw_derivatives(
 ) -> _Yaw:
     """Write the derivatives of both yaw rates and steering rates by angles, at constant v."""
     delta_i = x[AugmentedState.DELTA_I]
-    v = x[AugmentedState.RIM] * slip.speed_ratio
+    v = x[AugmentedState.WHEEL_SPEED] * slip.speed_ratio
     lam = x[AugmentedState.PSI_T] - x[AugmentedState.PSI_I]
     sin_l = math.sin(lam)
     cos_l = math.cos(lam)
@@ -409,12 +411,12 @@ def _write_yaw_derivatives(
 def _add_slip_derivatives(
     x: FloatArray, cos_t: float, sin_t: float, slip: _Slip, yaw: _Yaw, jacobian: FloatArray
 ) -> None:
-    """Write the derivatives through the speed v = rim * speed_ratio and the tractor's side slip.
+    """Write the derivatives through the speed over ground and the tractor's side slip.
 
     Both act on the rates of x, y, psi_t and psi_i. What a slope adds to them turns with psi_t.
     """
-    rim = x[AugmentedState.RIM]
-    v = rim * slip.speed_ratio
+    wheel_speed = x[AugmentedState.WHEEL_SPEED]
+    v = wheel_speed * slip.speed_ratio
     by_v = (
         cos_t - slip.slip_t * sin_t,
         sin_t + slip.slip_t * cos_t,
@@ -422,18 +424,18 @@ def _add_slip_derivatives(
         yaw.i_by_v,
     )
     by_slip = (-v * sin_t, v * cos_t, 0.0, v * yaw.cos_lambda / yaw.arm)
-    v_by_psi = rim * (slip.climb_x * sin_t - slip.climb_y * cos_t)
+    v_by_psi = wheel_speed * (slip.climb_x * sin_t - slip.climb_y * cos_t)
     slip_by_psi = -slip.side_x * cos_t - slip.side_y * sin_t
     for row in range(len(by_v)):
         by_psi = by_v[row] * v_by_psi + by_slip[row] * slip_by_psi
         jacobian[row, AugmentedState.PSI_T] += by_psi
-        jacobian[row, AugmentedState.RIM] = by_v[row] * slip.speed_ratio
+        jacobian[row, AugmentedState.WHEEL_SPEED] = by_v[row] * slip.speed_ratio
         jacobian[row, AugmentedState.SLIP_T] = by_slip[row]
-        jacobian[row, AugmentedState.WHEEL] = -by_v[row] * rim
+        jacobian[row, AugmentedState.WHEEL] = -by_v[row] * wheel_speed
         jacobian[row, AugmentedState.SIDE_X] = -slip.gear * by_slip[row] * sin_t
         jacobian[row, AugmentedState.SIDE_Y] = slip.gear * by_slip[row] * cos_t
-        jacobian[row, AugmentedState.CLIMB_X] = -slip.gear * by_v[row] * rim * cos_t
-        jacobian[row, AugmentedState.CLIMB_Y] = -slip.gear * by_v[row] * rim * sin_t
+        jacobian[row, AugmentedState.CLIMB_X] = -slip.gear * by_v[row] * wheel_speed * cos_t
+        jacobian[row, AugmentedState.CLIMB_Y] = -slip.gear * by_v[row] * wheel_speed * sin_t
 
 
 class Step(NamedTuple):
@@ -486,7 +488,7 @@ def move_augmented_state(
         step.middle[i] = x[i] + 0.5 * change
         x[i] += change
 
-    travel = abs(step.middle[AugmentedState.RIM]) * step_s
+    travel = abs(step.middle[AugmentedState.WHEEL_SPEED]) * step_s
     for j in range(_DISTURBANCES):
         step.fading[j] = -fading[j] * step_s - fading[_DISTURBANCES + j] * travel
         x[STATES + j] *= math.exp(step.fading[j])

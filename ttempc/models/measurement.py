@@ -62,8 +62,8 @@ def measure(
         _measure_hitch_angle(x, reading, jacobian)
         return 1
     if sensor == SensorIndex.ENCODER:
-        reading[0] = x[AugmentedState.RIM]
-        jacobian[0, AugmentedState.RIM] = 1.0
+        reading[0] = x[AugmentedState.WHEEL_SPEED]
+        jacobian[0, AugmentedState.WHEEL_SPEED] = 1.0
         return 1
     if sensor == SensorIndex.IMU_TRACTOR or sensor == SensorIndex.IMU_TRAILER:
         _measure_turned_angle(SENSOR_BODIES[sensor], x, span_s, reading, jacobian)

@@ -40,9 +40,9 @@ ADDITIONS = {
         "    return 0\n": """\
     if sensor == SensorIndex.RADAR:
         ratio = 1.0 - x[AugmentedState.WHEEL]
-        reading[0] = x[AugmentedState.RIM] * ratio
-        jacobian[0, AugmentedState.RIM] = ratio
-        jacobian[0, AugmentedState.WHEEL] = -x[AugmentedState.RIM]
+        reading[0] = x[AugmentedState.WHEEL_SPEED] * ratio
+        jacobian[0, AugmentedState.WHEEL_SPEED] = ratio
+        jacobian[0, AugmentedState.WHEEL] = -x[AugmentedState.WHEEL_SPEED]
         return 1
 """,
     },

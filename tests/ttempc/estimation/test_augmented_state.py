@@ -46,7 +46,7 @@ def random_augmented(generator):
     offsets = 0.03, -0.02
     augmented = np.insert(sds * generator.normal(size=SIZE - 2), AugmentedState.OFFSET_I, offsets)
     augmented[AugmentedState.PSI_I] += augmented[AugmentedState.PSI_T]
-    augmented[AugmentedState.RIM] += generator.choice([1.0, -1.0])
+    augmented[AugmentedState.WHEEL_SPEED] += generator.choice([1.0, -1.0])
     return augmented
 
 
@@ -78,19 +78,19 @@ def test_compiled_rate_and_jacobian_are_those_of_the_plain_model(joint):
 def test_the_estimate_moves_the_articulated_model_as_the_augmented_state_does():
     """Rates of the articulated model under the estimate's disturbance are those of the filter.
 
-    At the hydrostat position that keeps the rim speed, where the estimate is exact by definition.
+    At the hydrostat position that keeps the wheel speed, where the estimate is exact by definition.
     """
     generator = np.random.default_rng(72)
     for _ in range(20):
         augmented = random_augmented(generator)
         steady = (
-            augmented[AugmentedState.RIM]
+            augmented[AugmentedState.WHEEL_SPEED]
             - VEHICLE.speed_time_constant * augmented[AugmentedState.DRIVE]
         )
         inputs = near(augmented, generator)
         inputs[2] = steady / VEHICLE.speed_gain
         estimate = estimate_of(augmented, np.eye(SIZE), 0.0, VEHICLE)
-        slip = 1.0 - estimate.state[State.V] / augmented[AugmentedState.RIM]
+        slip = 1.0 - estimate.state[State.V] / augmented[AugmentedState.WHEEL_SPEED]
         assert estimate.disturbance[Disturbance.WHEEL] == pytest.approx(slip, abs=1e-12)
         step = 1e-6
         after = augmented + step * augmented_rate(augmented, inputs, VEHICLE)
@@ -121,7 +121,7 @@ def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative(
     for _ in range(5):
         augmented, command = random_augmented(generator), np.array([0.1, -0.1, 0.8])
         valves = (
-            augmented[AugmentedState.DELTA_T : AugmentedState.RIM] + 0.3
+            augmented[AugmentedState.DELTA_T : AugmentedState.WHEEL_SPEED] + 0.3
         )  # out of the valves' reach
 
         def after(x, valves=valves, command=command, transition=None):
@@ -141,10 +141,10 @@ def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative(
             )
             fine += step / 400 * rate
         np.testing.assert_allclose(stepped[:7], fine[:7], atol=1e-7)
-        fading = np.exp(-step * (rates[0] + abs(augmented[AugmentedState.RIM]) * rates[1]))
+        fading = np.exp(-step * (rates[0] + abs(augmented[AugmentedState.WHEEL_SPEED]) * rates[1]))
         np.testing.assert_allclose(stepped[7:SIZE], fading * augmented[7:], rtol=1e-3)
         numeric = central_differences(lambda x, run=after: run(x)[:SIZE], augmented)
-        # The transition neglects that fading depends on the rim speed: 1e-5 of a disturbance.
+        # The transition neglects that fading depends on the wheel speed: 1e-5 of a disturbance.
         np.testing.assert_allclose(transition[:, :SIZE], numeric, atol=5e-4)
 
 
@@ -192,7 +192,7 @@ def test_the_filter_is_that_of_the_textbook():
     np.testing.assert_allclose(np.diag(now.covariances[0])[16:18], 0.25 * sensors.gnss**2)
     plain, covariance = now.augmented[0].copy(), now.covariances[0].copy()
     command = np.array(
-        [*now.now["valves"], now.augmented[0, AugmentedState.RIM] / VEHICLE.speed_gain]
+        [*now.now["valves"], now.augmented[0, AugmentedState.WHEEL_SPEED] / VEHICLE.speed_gain]
     )
     step = 0.02
     for k in range(1, 21):
@@ -203,7 +203,7 @@ def test_the_filter_is_that_of_the_textbook():
             plain = plain + step / 100 * augmented_rate(middle, command, VEHICLE)
         middle = 0.5 * (before + plain)
         per_second, per_metre = noise.fading(sensors)
-        fading = -per_second - abs(middle[AugmentedState.RIM]) * per_metre
+        fading = -per_second - abs(middle[AugmentedState.WHEEL_SPEED]) * per_metre
         plain[7:] *= np.exp(step * fading)
         jacobian = central_differences(lambda x: augmented_rate(x, command, VEHICLE), middle)
         transition = expm(step * (jacobian + np.diag([*np.zeros(7), *fading])))
@@ -256,7 +256,7 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
         noise = ProcessNoise(**{name: factor}, scale_sd=1e-4, scale_walk=1e-12)
         now = Plain(samples(augmented, generator, 0.0), SensorNoise(), noise, 1e-12)
         command, likelihood = near(augmented, generator), 0.0
-        command[2] = augmented[AugmentedState.RIM] / VEHICLE.speed_gain
+        command[2] = augmented[AugmentedState.WHEEL_SPEED] / VEHICLE.speed_gain
         for k in range(1, 26):
             now.predict(command, 0.04)
             augmented += 0.04 * augmented_rate(augmented, command, VEHICLE)

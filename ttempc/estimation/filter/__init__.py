@@ -6,10 +6,10 @@ States x (`ttempc.models.augmented_state.AugmentedState`), map frame:
     X, Y                    m       tractor point
     PSI_T, PSI_I            rad     yaw of tractor and trailer
     DELTA_T, DELTA_I        rad     steering angle of the front wheels, and of RJ2
-    RIM                     m/s     speed of the rim of the driven wheels
+    WHEEL_SPEED             m/s     circumferential speed of the driven wheels
     SLIP_T, SLIP_I          rad     side slips that turn with the vehicle
     STEERING                rad     added to the measured front steering angle
-    DRIVE                   m/s^2   acceleration of the rim, added to the hydrostat's
+    DRIVE                   m/s^2   acceleration of the wheels, added to the hydrostat's
     WHEEL                   1       wheel slip that turns with the vehicle
     SIDE_X, SIDE_Y          rad     side slip of both axles on a slope: a vector fixed in the map
     CLIMB_X, CLIMB_Y        1       wheel slip on a slope: a vector fixed in the map

@@ -16,7 +16,7 @@ from ...layout import SAMPLE, SampleColumn
 from ...models.augmented_state import VehicleParameter
 from ...sensors import SENSOR_COUNT, SENSOR_KINDS, SENSOR_LENGTHS, SensorKind
 from ...types import FloatArray
-from .predict import COMMAND_SIZE, INPUTS
+from .predict import COMMAND_SIZE, END, INPUTS
 from .records import SNAPSHOT, SNAPSHOT_SIZE
 
 HISTORY: Final = np.dtype(
@@ -120,10 +120,10 @@ def copy_row(source: FloatArray, target: FloatArray) -> None:
 def append_command(memory: FilterMemory, now_s: float, command: FloatArray) -> None:
     """Append the command of the period that ends at `now_s`, or replace it at a repeated update."""
     h = record(memory.history, HISTORY)
-    if h.commands == 0 or memory.commands[h.commands - 1, 0] != now_s:
+    if h.commands == 0 or memory.commands[h.commands - 1, END] != now_s:
         h.commands += 1
     row = memory.commands[h.commands - 1]
-    row[0] = now_s
+    row[END] = now_s
     for j in range(COMMAND_SIZE - 1):
         row[1 + j] = command[j]
 
@@ -244,7 +244,7 @@ def forget_commands(memory: FilterMemory, parameters: FloatArray, oldest_s: floa
         longest_s = max(longest_s, parameters[VehicleParameter.DEAD_TIME_T + j])
     count = 0
     for k in range(h.commands):
-        if memory.commands[k, 0] >= oldest_s - longest_s:
+        if memory.commands[k, END] >= oldest_s - longest_s:
             copy_row(memory.commands[k], memory.commands[count])
             count += 1
     h.commands = count

@@ -149,10 +149,10 @@ def _leave_after_gap(
 
 @cached_njit(error_model="numpy")
 def _fade_disturbances(parameters: FloatArray, snapshot: FloatArray, span_s: float) -> None:
-    """Let the disturbances of a snapshot fade over a time at its rim speed."""
+    """Let the disturbances of a snapshot fade over a time at its wheel speed."""
     f = record(parameters, FILTER)
     now = record(snapshot, SNAPSHOT)
-    travel = abs(now.augmented[0, AugmentedState.RIM]) * span_s
+    travel = abs(now.augmented[0, AugmentedState.WHEEL_SPEED]) * span_s
     for i in range(DISTURBANCES):
         fading = f.fading[i] * span_s + f.fading[DISTURBANCES + i] * travel
         now.augmented[0, STATES + i] *= math.exp(-fading)
@@ -442,8 +442,8 @@ def write_snapshot(parameters: FloatArray, snapshot: FloatArray, estimate: Float
             for j in range(2):
                 e.covariance[i, j] += 0.25 * shift_squared * x[_SIDE + i] * x[_SIDE + j]
 
-    rim = x[AugmentedState.RIM]
-    by_bumps = now.scales[NoiseScale.GROUND] * f.speed_unmodelled * rim * rim
+    wheel_speed = x[AugmentedState.WHEEL_SPEED]
+    by_bumps = now.scales[NoiseScale.GROUND] * f.speed_unmodelled * wheel_speed * wheel_speed
     e.covariance[State.V, State.V] += by_bumps
     for n in range(SCALES):
         e.noise_factors[n] = now.scales[n]

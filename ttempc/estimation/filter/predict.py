@@ -35,6 +35,7 @@ COMMAND_SIZE: Final = 1 + INPUTS + MAPPED
 """Columns of a command: end of the period in which it was sent [s], its inputs, NaN where one is
 not known, and by how much a map of the field lets the first `MAPPED` disturbances change over that
 period [rad]."""
+END: Final = 0
 _FIRST_INPUT: Final = 1
 _FIRST_CHANGE: Final = 1 + INPUTS
 _SLIPS: Final = int(AugmentedState.SLIP_T)  # the first of the mapped disturbances
@@ -61,7 +62,7 @@ def predict(
     transition = local((SIZE, WIDTH))  # Phi, of one step
     noise = local((LEVELS, WIDTH))  # Q/2, see `_write_noise`
     middle = local((STATES,))  # state in the middle of a step
-    side_by_side = local((SIZE, _SIDE_BY_SIDE))  # workspace of `_propagate_covariances`
+    side_by_side = local((SIZE, _SIDE_BY_SIDE))  # workspace of `_write_corner`
     for k in range(2 * SIZE):
         clear_row(side_by_side, k * WIDTH)
 
@@ -72,7 +73,7 @@ def predict(
         advance_augmented_state(x, now.valves, command, f.vehicle, f.fading, step_s, transition)
         for i in range(STATES):
             middle[i] = 0.5 * (middle[i] + x[i])
-        travel = abs(middle[AugmentedState.RIM]) * step_s
+        travel = abs(middle[AugmentedState.WHEEL_SPEED]) * step_s
         _write_noise(parameters, snapshot, middle, step_s, travel, noise)
 
         for level in range(LEVELS):
@@ -148,48 +149,19 @@ def _propagate_covariances(
 
     With U = [A B] P, the upper rows of Phi P,
 
-        Phi P Phi' = [[U [A B]', U_2 F], [F U_2', F P_22 F]],   U_2: last 17 columns of U.
+        Phi P Phi' = [[[A B] U', U_2 F], [F U_2', F P_22 F]],   U_2: last 17 columns of U.
 
-    `side_by_side` (24, 48) are workspace, zeros where nothing is written: column i of U of every
-    level, so that U [A B]' of all levels is one product of whole rows.
+    `side_by_side` is the workspace of `_write_corner`.
     """
     now = record(snapshot, SNAPSHOT)
     upper = local((LEVELS, STATES, WIDTH))  # U of each level
-    change = local((LEVELS, STATES))  # [A B] dx
-    corner = local((STATES, _SIDE_BY_SIDE))  # [A B] U', all levels side by side
+    corner = local((STATES, _SIDE_BY_SIDE))  # [A B] U' of all levels
     fade = local((WIDTH,))  # 0 for the states, then the diagonal of F
     clear_row(fade, 0)
     for i in range(STATES, SIZE):
         fade[i] = transition[i, i]
-
-    # U and [A B] dx; innermost over rows, so that no sum waits for the one before
-    for level in range(LEVELS):
-        for i in range(STATES):
-            clear_row(upper, matrix_row(level, STATES, i))
-            change[level, i] = 0.0
-    for k in range(SIZE):
-        for i in range(STATES):
-            weight = transition[i, k]
-            if weight != 0.0:
-                for level in range(LEVELS):
-                    to = matrix_row(level, STATES, i)
-                    at = matrix_row(level, SIZE, k)
-                    add_row(upper, to, weight, now.covariances, at)
-                    change[level, i] += weight * now.augmented[level, k]
-
-    # Upper left block: [A B] U'
-    for i in range(STATES):
-        clear_row(corner, 2 * i * WIDTH)
-        clear_row(corner, (2 * i + 1) * WIDTH)
-        for level in range(LEVELS):
-            for k in range(SIZE):
-                side_by_side[k, _LANES * level + i] = upper[level, i, k]
-    for k in range(SIZE):
-        for i in range(STATES):
-            weight = transition[i, k]
-            if weight != 0.0:
-                add_row(corner, 2 * i * WIDTH, weight, side_by_side, 2 * k * WIDTH)
-                add_row(corner, (2 * i + 1) * WIDTH, weight, side_by_side, (2 * k + 1) * WIDTH)
+    _write_upper(snapshot, transition, fade, upper)
+    _write_corner(transition, upper, side_by_side, corner)
 
     for level in range(LEVELS):
         covariance = now.covariances[level]
@@ -204,18 +176,64 @@ def _propagate_covariances(
             to = matrix_row(level, SIZE, i)
             set_row(now.covariances, to, 1.0, upper, matrix_row(level, STATES, i))
             scale_row(now.covariances, to, 1.0, fade, 0)
+        # Upper left block [A B] U', its lower triangle in both
         for i in range(STATES):
             for j in range(i + 1):
                 value = corner[i, _LANES * level + j]
                 covariance[i, j] = value
                 covariance[j, i] = value
 
-    # The state itself was advanced before
+
+@cached_njit(error_model="numpy")
+def _write_upper(
+    snapshot: FloatArray, transition: FloatArray, fade: FloatArray, upper: FloatArray
+) -> None:
+    """Write U = [A B] P of each level (4, 7, 24), and Phi dx over the derivatives dx."""
+    now = record(snapshot, SNAPSHOT)
+    change = local((LEVELS, STATES))  # [A B] dx
+    for level in range(LEVELS):
+        for i in range(STATES):
+            clear_row(upper, matrix_row(level, STATES, i))
+            change[level, i] = 0.0
+    for k in range(SIZE):  # innermost over rows, so that no sum waits for the one before
+        for i in range(STATES):
+            weight = transition[i, k]
+            if weight != 0.0:
+                for level in range(LEVELS):
+                    to = matrix_row(level, STATES, i)
+                    at = matrix_row(level, SIZE, k)
+                    add_row(upper, to, weight, now.covariances, at)
+                    change[level, i] += weight * now.augmented[level, k]
+
+    # Level 0 is the state itself, which was advanced before
     for level in range(1, LEVELS):
         for i in range(STATES):
             now.augmented[level, i] = change[level, i]
         for i in range(STATES, SIZE):
             now.augmented[level, i] *= fade[i]
+
+
+@cached_njit(error_model="numpy")
+def _write_corner(
+    transition: FloatArray, upper: FloatArray, side_by_side: FloatArray, corner: FloatArray
+) -> None:
+    """Write [A B] U' of all levels side by side, (7, 48), as one product of whole rows.
+
+    Row k of `side_by_side` (24, 48) is column k of U of every level, at `_LANES` times the level;
+    it must be zero elsewhere.
+    """
+    for i in range(STATES):
+        clear_row(corner, 2 * i * WIDTH)
+        clear_row(corner, (2 * i + 1) * WIDTH)
+        for level in range(LEVELS):
+            for k in range(SIZE):
+                side_by_side[k, _LANES * level + i] = upper[level, i, k]
+    for k in range(SIZE):
+        for i in range(STATES):
+            weight = transition[i, k]
+            if weight != 0.0:
+                add_row(corner, 2 * i * WIDTH, weight, side_by_side, 2 * k * WIDTH)
+                add_row(corner, (2 * i + 1) * WIDTH, weight, side_by_side, (2 * k + 1) * WIDTH)
 
 
 @cached_njit(error_model="numpy")
@@ -231,11 +249,11 @@ def acting(
     for j in range(INPUTS):
         dead_time = parameters[VehicleParameter.DEAD_TIME_T + j]
         n = 0
-        while n < count - 1 and commands[n, 0] + dead_time <= time_s + SAME_TIME_S:
+        while n < count - 1 and commands[n, END] + dead_time <= time_s + SAME_TIME_S:
             n += 1
         command[j] = commands[n, _FIRST_INPUT + j]
         if n < count - 1:
-            until_s = min(until_s, commands[n, 0] + dead_time)
+            until_s = min(until_s, commands[n, END] + dead_time)
     return until_s
 
 
@@ -278,7 +296,7 @@ def _half_changes(
     is earlier.
     """
     n = 1  # the command in whose period `time_s` is
-    while n < count - 1 and commands[n, 0] <= time_s + SAME_TIME_S:
+    while n < count - 1 and commands[n, END] <= time_s + SAME_TIME_S:
         n += 1
     changes = False
     for i in range(MAPPED):
@@ -286,9 +304,9 @@ def _half_changes(
         changes = changes or (n < count and commands[n, _FIRST_CHANGE + i] != 0.0)
     if not changes:
         return end_s
-    if commands[n, 0] > time_s + SAME_TIME_S:
-        end_s = min(end_s, commands[n, 0])
-    period_s = max(commands[n, 0] - commands[n - 1, 0], SAME_TIME_S)
+    if commands[n, END] > time_s + SAME_TIME_S:
+        end_s = min(end_s, commands[n, END])
+    period_s = max(commands[n, END] - commands[n - 1, END], SAME_TIME_S)
     half_share = 0.5 * (min(end_s, until_s) - time_s) / period_s
     for i in range(MAPPED):
         half[i] = half_share * commands[n, _FIRST_CHANGE + i]
@@ -304,5 +322,5 @@ def _keep_unknown_inputs(parameters: FloatArray, snapshot: FloatArray, command: 
         if math.isnan(command[i]):
             command[i] = now.valves[i]
     if math.isnan(command[Input.HP]):
-        rim = now.augmented[0, AugmentedState.RIM]
-        command[Input.HP] = rim / f.vehicle[VehicleParameter.SPEED_GAIN]
+        wheel_speed = now.augmented[0, AugmentedState.WHEEL_SPEED]
+        command[Input.HP] = wheel_speed / f.vehicle[VehicleParameter.SPEED_GAIN]

@@ -58,7 +58,7 @@ def _apply_inertial(
 
     span_s = s.time_s - last[GyroColumn.TIME_S]
     angle = turned(last, present)
-    travel = abs(now.augmented[0, AugmentedState.RIM]) * span_s
+    travel = abs(now.augmented[0, AugmentedState.WHEEL_SPEED]) * span_s
     variance = f.variances[sensor] * span_s * span_s + f.gyro_sampling * travel
     for column in range(GYRO):
         last[column] = present[column]

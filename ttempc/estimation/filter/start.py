@@ -147,7 +147,7 @@ def initial_snapshot(
     start["covariances"][0, :STATES, :STATES] = covariance
     start["scales"] = process.scales
     start["information"] = np.full(SCALES, process.scale_sd**-2)
-    start["valves"] = state[AugmentedState.DELTA_T : AugmentedState.RIM]
+    start["valves"] = state[AugmentedState.DELTA_T : AugmentedState.WHEEL_SPEED]
     start["rejected_since"] = math.nan
     start["gyros"] = math.nan
     return flat
