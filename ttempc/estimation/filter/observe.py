@@ -47,9 +47,7 @@ from .sample import apply_sample
 LONGEST_GAP_S: Final = 1.0
 """Without update and sample for longer [s], the filter starts anew, see `observe_filter`."""
 
-_SPACING_S: Final = (
-    0.15  # of snapshots: they keep up with samples where every update has a late one
-)
+_SPACING_S: Final = 0.15  # of snapshots: short enough where every update has a late sample
 _BODIES: Final = len(Body)
 _SIDE: Final = int(AugmentedState.SIDE_X)
 
@@ -99,12 +97,12 @@ def observe_filter(
     # Process what is new, and drop what no late sample can need
     oldest_s = earliest_s
     present = local((SENSOR_COUNT,))
-    now = memory.snapshots[len(memory.snapshots) - 1]
+    newest = memory.snapshots[len(memory.snapshots) - 1]
     if h.snapshots > 0:
-        now = _process_samples(parameters, memory, since_s, innovations)
+        newest = _process_samples(parameters, memory, since_s, innovations)
         forget_snapshots(memory, earliest_s)
-        if record(now, SNAPSHOT).time_s < earliest_s:  # no sample may come before
-            predict_until(parameters, now, memory.commands, h.commands, earliest_s)
+        if record(newest, SNAPSHOT).time_s < earliest_s:  # no sample may come before
+            predict_until(parameters, newest, memory.commands, h.commands, earliest_s)
         oldest_s = min(earliest_s, record(snapshot_at(memory, 0), SNAPSHOT).time_s)
     forget_samples(memory, oldest_s, present)
     forget_commands(memory, parameters, oldest_s)
@@ -112,7 +110,7 @@ def observe_filter(
     if h.snapshots == 0:
         _write_no_estimate(estimate, now_s)
         return _may_start(present)
-    _write_present(parameters, memory, now, now_s, estimate)
+    _write_present(parameters, memory, newest, now_s, estimate)
     _add_innovations(innovations, estimate)
     return False
 
