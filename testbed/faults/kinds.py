@@ -15,6 +15,8 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
+from ttempc.layout import SAMPLE, SampleColumn
+from ttempc.sensors import SensorKind, sensors_of_kind
 from ttempc.types import Command, FloatArray, Sensor
 
 from ..actuation.actuators import past_backlash
@@ -73,9 +75,14 @@ SampleFilter = Callable[[FloatArray], FloatArray]
 Rows have time, `SensorIndex`, three components, due physics step; the array is the filter's own.
 """
 
-_TIME, _INDEX, _VALUE, _DUE = 0, 1, slice(2, 5), 5  # columns
-_GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
-_ANGLES: Final = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH)
+# Columns of such rows
+_TIME: Final = SampleColumn.TIME_S
+_INDEX: Final = SampleColumn.SENSOR
+_VALUE: Final = slice(SampleColumn.FIRST, SAMPLE)
+_DUE: Final = SAMPLE
+
+_GNSS: Final = sensors_of_kind(SensorKind.POSITION)
+_ANGLES: Final = sensors_of_kind(SensorKind.ANGLE)
 _SETS: Final = {
     "both": _GNSS,
     "tractor": _GNSS[:1],

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..jit import record
 from ..layout import ESTIMATE
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from ..types import FloatArray
 from .board import BOARD, Record, TickData, latch_alarms, new_board
 from .drift import DRIFT, new_drift, observe_drift
@@ -32,7 +32,7 @@ from .steering import observe_standstill, observe_steering
 from .table import DetectorIndex
 from .valve import VALVE, compare_valve, new_valve
 
-_JUDGED: Final = int(SensorIndex.IMU_TRACTOR)  # sensors whose readings are judged, the first ones
+_JUDGED: Final = int(DetectorIndex.STEERING_FRONT)  # sensors with a detector of their readings
 
 DETECTORS: Final = np.dtype(
     [

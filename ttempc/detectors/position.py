@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from ..layout import AlarmColumn
-from ..models.augmented_state import SensorIndex
 from ..types import Disturbance, FloatArray, State
 from .board import WARN, Record, TickData, stands
 from .history import kernel
@@ -230,8 +229,8 @@ def observe_protection(memory: Record, last: Record, board: Record, data: TickDa
 
     excluded = jumped or stands(board, DetectorIndex.HITCH)
     excluded |= board.alarms[DetectorIndex.WHEELS, AlarmColumn.REACTION] == WARN
-    for sensor in range(SensorIndex.IMU_TRACTOR):
-        excluded |= stands(board, sensor)
+    for readings in range(DetectorIndex.STEERING_FRONT):
+        excluded |= stands(board, readings)
     board.statistic[index] = level if excluded and not math.isnan(level) else 0.0
     board.residual[index] = level
     board.proposed[index, AlarmColumn.FIRST] = level

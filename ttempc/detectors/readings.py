@@ -5,9 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex
+from ..layout import SampleColumn
+from ..sensors import SENSOR_KINDS, SensorKind
 from ..types import FloatArray
-from .board import ENDS, Record, SampleColumn, TickData, stands
+from .board import ENDS, Record, TickData, stands
 from .history import cusum, kernel
 
 NOISE: Final = np.dtype(
@@ -84,7 +85,7 @@ def observe_readings(memory: Record, board: Record, data: TickData, sensor: int)
         sensor: `SensorIndex`, none of an IMU.
     """
     limit = board.limit[sensor]
-    is_angle = SensorIndex.STEERING_TRACTOR <= sensor <= SensorIndex.HITCH
+    is_angle = SENSOR_KINDS[sensor] == SensorKind.ANGLE
 
     for row in range(len(data.rows)):
         sample = data.rows[row]

@@ -10,10 +10,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex, VehicleParameter
+from ..layout import SampleColumn
+from ..models.augmented_state import VehicleParameter
+from ..sensors import SensorIndex
 from ..types import FloatArray
 from ..vehicle import MAX_DEAD_TIME_S
-from .board import Record, SampleColumn, TickData
+from .board import Record, TickData
 from .history import Entry, cusum, kernel, remember
 from .table import DetectorIndex
 

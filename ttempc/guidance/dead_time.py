@@ -9,13 +9,15 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..estimation.filter import SAME_TIME_S, steps_over
+from ..estimation.filter.predict import steps_over
+from ..estimation.filter.records import SAME_TIME_S
 from ..jit import cached_njit, record
 from ..layout import ESTIMATE, estimate_row
 from ..models.augmented_state import (
     SIZE,
     STATES,
     AugmentedState,
+    Step,
     VehicleParameter,
     move_augmented_state,
     vehicle_parameters,
@@ -191,7 +193,7 @@ def _write_augmented_state(x: FloatArray, e: Record, parameters: FloatArray) -> 
     slip_rate = (climb_y * cos - climb_x * sin) * yaw_rate
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
 
-    x[AugmentedState.RIM] = wheel_speed
+    x[AugmentedState.WHEEL_SPEED] = wheel_speed
     x[AugmentedState.STEERING] = bias
     x[AugmentedState.SLIP_T] = slip_t - (side_y * cos - side_x * sin)
     x[AugmentedState.SLIP_I] = slip_i - (side_y * math.cos(psi_i) - side_x * math.sin(psi_i))
@@ -208,10 +210,8 @@ def _advance(x: FloatArray, lead: Lead, commands: FloatArray) -> None:
     """
     valves = np.empty(2)
     acting = np.empty(3)
-    lasting = np.zeros(2 * (SIZE - STATES))  # disturbances last
-    faded = np.empty(SIZE - STATES)
-    middle = np.empty(SIZE)
-    inputs = np.empty(3)
+    lasting = np.zeros(2 * (SIZE - STATES))  # rates of disturbances that do not fade
+    step = Step(middle=np.empty(SIZE), inputs=np.empty(3), fading=np.empty(SIZE - STATES))
 
     first = lead.whole
     _write_acting(acting, lead, commands, first + 1)
@@ -227,9 +227,7 @@ def _advance(x: FloatArray, lead: Lead, commands: FloatArray) -> None:
         steps = steps_over(span_s)
         step_s = span_s / steps
         for _ in range(steps):
-            move_augmented_state(
-                x, valves, acting, lead.parameters, lasting, step_s, middle, inputs, faded
-            )
+            move_augmented_state(x, valves, acting, lead.parameters, lasting, step_s, step)
 
 
 @_kernel
