@@ -24,7 +24,9 @@ UP: Final = 2
 
 _VEHICLE: Final = 1  # body whose subtree is the vehicle
 
-_inlined = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+_inlined = cached_njit(
+    error_model="numpy", boundscheck=False, _nrt=False, fastmath=FAST, inline="always"
+)
 
 
 class Bodies(NamedTuple):

@@ -11,7 +11,9 @@ ZERO: Final = (0.0, 0.0, 0.0)
 VERTICAL: Final = (0.0, 0.0, 1.0)
 """Unit vector out of level ground."""
 
-_inlined = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+_inlined = cached_njit(
+    error_model="numpy", boundscheck=False, _nrt=False, fastmath=FAST, inline="always"
+)
 
 
 @_inlined

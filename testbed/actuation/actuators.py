@@ -168,7 +168,7 @@ class Actuators:
         return front, trailer, hydrostat
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
 def move_valves(
     axes: FloatArray, state: FloatArray, command: FloatArray, delta_t: float, delta_i: float
 ) -> None:
@@ -223,7 +223,7 @@ def move_valves(
         valves.set_point[axis] = set_point
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
 def put_set_points(state: FloatArray, ctrl: FloatArray) -> None:
     """Write the set points into MuJoCo's controls, (3,)."""
     valves = record(state, VALVE_STATE)

@@ -7,7 +7,9 @@ from ttempc.types import FloatArray
 
 from .ground import Ground
 
-_inlined = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+_inlined = cached_njit(
+    error_model="numpy", boundscheck=False, _nrt=False, fastmath=FAST, inline="always"
+)
 
 
 class Grid(NamedTuple):

@@ -107,7 +107,7 @@ class Tools(NamedTuple):
     timestep: float  # [s]
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
 def tool_step(tools: Tools) -> None:
     """Advance distance and lift by a time step and write the forces of the soil on the trailer."""
     law = record(tools.law, TOOL_LAW)
@@ -149,7 +149,7 @@ def tool_step(tools: Tools) -> None:
     apply_wrench(bodies, trailer, force, moment)
 
 
-@cached_njit(error_model="numpy", boundscheck=False, inline="always")
+@cached_njit(error_model="numpy", boundscheck=False, _nrt=False, inline="always")
 def _move_lift(tools: Tools, law: Any, speed: float) -> float:  # noqa: ANN401 - a record `TOOL_LAW`
     """Advance distance and lift by a time step and return the lowered share.
 
@@ -173,7 +173,7 @@ def _move_lift(tools: Tools, law: Any, speed: float) -> float:  # noqa: ANN401 -
     return lowered
 
 
-@cached_njit(error_model="numpy", boundscheck=False, inline="always")
+@cached_njit(error_model="numpy", boundscheck=False, _nrt=False, inline="always")
 def _soil_forces(
     law: Any,  # noqa: ANN401 - a record `TOOL_LAW`
     depth: float,

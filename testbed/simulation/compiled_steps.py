@@ -48,7 +48,7 @@ class Machine(NamedTuple):
     clock: Clock
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+@cached_njit(error_model="numpy", boundscheck=False, _nrt=False, nogil=True)
 def soil_steps(
     machine: Machine, tools: Tools | None, held: HeldCommand, truths: TruthBlock
 ) -> None:

@@ -78,7 +78,7 @@ def _coupled_pairs(model: mujoco.MjModel) -> FloatArray:
     return np.array(rows).reshape(-1, len(COUPLED_PAIR.names or ()))
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
 def couple_joints(coupling: Coupling) -> None:
     """Add the torques of all couplings to the passive forces."""
     for row in range(coupling.pairs.shape[0]):

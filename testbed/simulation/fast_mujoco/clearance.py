@@ -37,7 +37,7 @@ PLANE: Final = np.dtype(
 )
 """Plane above the ground of a tile."""
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False)
+_kernel = cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
 
 
 class Chassis(NamedTuple):
