@@ -26,6 +26,7 @@ from ttempc.vehicle import MAX_DEAD_TIME_S
 from ..configuration.config_io import STRICT, NotNegative
 from ..discretisation import whole_steps
 from ..errors import InvalidPlant
+from ..kernel_options import KERNEL
 from ..vehicle.vehicle import Steering
 
 _ROUNDING: Final = 1e-12  # [rad] a set point at the edge of the dead band is inside it
@@ -168,7 +169,7 @@ class Actuators:
         return front, trailer, hydrostat
 
 
-@cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
+@cached_njit(**KERNEL)
 def move_valves(
     axes: FloatArray, state: FloatArray, command: FloatArray, delta_t: float, delta_i: float
 ) -> None:
@@ -223,7 +224,7 @@ def move_valves(
         valves.set_point[axis] = set_point
 
 
-@cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
+@cached_njit(**KERNEL)
 def put_set_points(state: FloatArray, ctrl: FloatArray) -> None:
     """Write the set points into MuJoCo's controls, (3,)."""
     valves = record(state, VALVE_STATE)

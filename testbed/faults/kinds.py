@@ -73,7 +73,11 @@ SampleFilter = Callable[[FloatArray], FloatArray]
 Rows have time, `SensorIndex`, three components, due physics step; the array is the filter's own.
 """
 
-_TIME, _INDEX, _VALUE, _DUE = 0, 1, slice(2, 5), 5  # columns
+# columns of these rows
+_TIME: Final = 0
+_INDEX: Final = 1
+_VALUE: Final = slice(2, 5)
+_DUE: Final = 5
 _GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 _ANGLES: Final = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH)
 _SETS: Final = {
@@ -181,14 +185,16 @@ def _outlier(fault: Made, run: Sampling) -> SampleFilter:
 
 
 def _float(fault: Made, run: Sampling) -> SampleFilter:
-    rng, period_s = run.rng, 1.0 / run.specification.gnss_rate_hz
+    rng = run.rng
+    period_s = 1.0 / run.specification.gnss_rate_hz
     sd = np.full(2, fault.sd_m)
     error = Correlated(sd, 0.0, fault.correlation_time_s, period_s, rng, rng)
     return _added(lambda times_s: error.errors(len(times_s)))
 
 
 def _angle_drift(fault: Made, run: Sampling) -> SampleFilter:
-    rate, begin = math.radians(fault.rate_degps), run.window.start_s
+    rate = math.radians(fault.rate_degps)
+    begin = run.window.start_s
     return _added(lambda t: rate * (t - begin)[:, None])
 
 
@@ -232,7 +238,8 @@ def _late(fault: Made, bus: BusState, command: Command, now_s: float) -> BusStat
     if command != newest:
         under_way = (*under_way, (now_s + fault.delay_s, command))
     while under_way and under_way[0][0] <= now_s + SAME_TIME_S:
-        arrived, under_way = under_way[0][1], under_way[1:]
+        arrived = under_way[0][1]
+        under_way = under_way[1:]
     return BusState(arrived, under_way)
 
 
@@ -303,7 +310,8 @@ def _no_shift(fault: Made, context: FaultContext) -> str:
         return "the trailer is empty, plant.vehicle.load_kg is 0"
     box = context.vehicle.box
     for key, size in (("left_m", box.width_m), ("forward_m", box.length_m)):
-        shift, most = getattr(fault, key), _LARGEST_SHIFT * size
+        shift = getattr(fault, key)
+        most = _LARGEST_SHIFT * size
         if abs(shift) > most:
             return f"got {key} {shift:g}, must be at most {most:g}, half the box"
     return "" if fault.left_m or fault.forward_m else "left_m and forward_m are 0"
@@ -323,7 +331,8 @@ def _flat(fault: Made, plant: Plant) -> Effect:
 def _not_flat(fault: Made, context: FaultContext) -> str:
     if not context.soil_wheels:
         return 'plant.wheels must be "soil"'
-    loss, wheel = fault.radius_loss_m, context.vehicle.wheels[fault.wheel.split("_")[0]]
+    loss = fault.radius_loss_m
+    wheel = context.vehicle.wheels[fault.wheel.split("_")[0]]
     if loss > 0.5 * wheel.radius_m:
         most = f"{0.5 * wheel.radius_m:g}, half the radius"
         return f"got radius_loss_m {loss:g}, must be at most {most}"

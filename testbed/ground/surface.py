@@ -5,11 +5,10 @@ from typing import NamedTuple, Self
 from ttempc.jit import FAST, cached_njit
 from ttempc.types import FloatArray
 
+from ..kernel_options import INLINED
 from .ground import Ground
 
-_inlined = cached_njit(
-    error_model="numpy", boundscheck=False, _nrt=False, fastmath=FAST, inline="always"
-)
+_inlined = cached_njit(**INLINED, fastmath=FAST)
 
 
 class Grid(NamedTuple):

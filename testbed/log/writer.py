@@ -50,7 +50,8 @@ def begin_log(
         if name not in schemas:
             schemas[name] = 1 + len(schemas)
             file.put(Schema(schemas[name], topic.schema, SchemaEncoding.Protobuf, name))
-        about, encoding = dict(topic.metadata), MessageEncoding.Protobuf
+        about = dict(topic.metadata)
+        encoding = MessageEncoding.Protobuf
         file.put(Channel(number, topic.name, encoding, about, schemas[name]))
         numbers[topic.name] = number
     return file, numbers

@@ -237,7 +237,8 @@ def measurement_rows(
         at: numbers of the moments at which they are delivered, ascending.
         times: of the moments [s].
     """
-    rows, row_times = np.empty((len(samples), len(MEASUREMENT.fields))), np.empty(len(samples))
+    rows = np.empty((len(samples), len(MEASUREMENT.fields)))
+    row_times = np.empty(len(samples))
     rows.fill(NAN)
     used = _spread(samples, at, times, _COLUMNS, row_times, rows)
     return row_times[:used], rows[:used]
@@ -256,7 +257,8 @@ def _spread(
     rows: FloatArray,
 ) -> int:
     """Fill rows that are NaN and their times; return how many are used."""
-    first, used = 0, 0  # row of the moment, rows so far
+    first = 0  # row in which the present moment begins
+    used = 0  # rows so far
     for n in range(len(samples)):
         if n and at[n] != at[n - 1]:
             first = used
@@ -321,7 +323,8 @@ def in_frame(error: FloatArray, heading: FloatArray) -> tuple[FloatArray, FloatA
         heading: of the references, (n,) [rad].
     """
     dx, dy = error.T
-    cos, sin = np.cos(heading), np.sin(heading)
+    cos = np.cos(heading)
+    sin = np.sin(heading)
     return cos * dx + sin * dy, cos * dy - sin * dx
 
 

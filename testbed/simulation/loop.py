@@ -73,9 +73,12 @@ def control(setup: SimulationSetup, tick: TickContext) -> None:
 
 def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the record of the command."""
-    guidance, time, sink = setup.guidance, tick.now.time_s, setup.sink
+    guidance = setup.guidance
+    time = tick.now.time_s
+    sink = setup.sink
     record = guidance.tick_record
-    solver, tube = record[channels.SOLVER_COLUMNS], record[channels.TUBE_COLUMNS]
+    solver = record[channels.SOLVER_COLUMNS]
+    tube = record[channels.TUBE_COLUMNS]
     sink.row(channels.CONTROL, time, record[channels.CONTROL_COLUMNS])
     sink.row(channels.TRACKING, time, record[channels.TRACKING_COLUMNS])
     sink.row(channels.SOLVER, time, solver)
@@ -96,16 +99,21 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
 def advance(setup: SimulationSetup, tick: TickContext) -> None:
     """Run the plant for one control period, with stops where a sensor or the record needs it."""
     assert tick.command is not None
-    steps, stride, plant = setup.control_steps, tick.stride, setup.plant
-    step, took_s = tick.k * steps, 1e-9 * (tick.estimator_ns + tick.control_ns)
+    steps = setup.control_steps
+    stride = tick.stride
+    plant = setup.plant
+    step = tick.k * steps
+    took_s = 1e-9 * (tick.estimator_ns + tick.control_ns)
     late = 0  # physics steps by which the command comes late
     if took_s > (period_s := steps * tick.timestep_s):
         text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
         setup.sink.event(Event(tick.k * period_s, "warning", text))
         late = math.ceil(took_s / tick.timestep_s) if setup.realtime else 0
-    queue, end = tick.commands, step + steps
+    queue = tick.commands
+    end = step + steps
     queue.append((step + late, tick.command))
-    start, parts = perf_counter_ns(), []
+    start = perf_counter_ns()
+    parts = []
     while step < end:  # a command acts from its physics step on, in the order of sending
         while len(queue) > 1 and queue[1][0] <= step:
             queue.popleft()
@@ -122,13 +130,17 @@ def advance(setup: SimulationSetup, tick: TickContext) -> None:
 
 def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the truth beside its reference."""
-    moments, steps, sink = tick.moments, tick.steps, setup.sink
+    moments = tick.moments
+    steps = tick.steps
+    sink = setup.sink
     if (every := setup.record_steps // tick.stride) > 1:
         due = slice(-steps[0] % setup.record_steps // tick.stride, None, every)
-        moments, steps = TruthBlock(*(each[due] for each in moments)), steps[due]
+        moments = TruthBlock(*(each[due] for each in moments))
+        steps = steps[due]
     first = tick.reference_step(steps[0], setup.control_steps)
     stride = 0 if tick.waits else setup.record_steps
-    times, references = moments.rows[:, 0], setup.reference_rows(first, stride, moments)
+    times = moments.rows[:, 0]
+    references = setup.reference_rows(first, stride, moments)
     sink.scenes(moments)
     sink.rows(channels.STATE, times, moments.rows[:, STATE_COLUMNS])
     sink.rows(channels.REFERENCE, times, references)
@@ -150,7 +162,8 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
 
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
-    now, limits = tick.now, setup.termination
+    now = tick.now
+    limits = setup.termination
     step = tick.reference_step(tick.steps[-1], setup.control_steps)
     place = now.tractor[:2]
     distance_m = math.dist(place, setup.reference_row(step, *place)[:2].tolist())
@@ -263,12 +276,15 @@ def periods(
         else:
             if setup.guidance.reference_tick >= ticks:
                 after = f"after {_LONGEST} times the time of its reference"
-                status, failure = "lost", f"{left_m:.0f} m of its path are left {after}"
+                status = "lost"
+                failure = f"{left_m:.0f} m of its path are left {after}"
             else:
                 why = setup.guidance.diagnostics.fallback
-                status, failure = "stopped", f"{why}: the reference waited too long"
+                status = "stopped"
+                failure = f"{why}: the reference waited too long"
     except (PlantDiverged, GuidanceFailed, StageFailed, TimeoutError) as error:
-        status, failure = "invalid", str(error)
+        status = "invalid"
+        failure = str(error)
         if error.__cause__ is not None:
             trace = "".join(traceback.format_exception(error.__cause__))
     finally:

@@ -111,7 +111,8 @@ class TickContext:
 
     def drive_to(self, step: int, moments: TruthBlock) -> None:
         """Take over the moments up to a physics step, the last of them."""
-        self.moments, count = moments, len(moments.rows)
+        self.moments = moments
+        count = len(moments.rows)
         self.steps = range(step - (count - 1) * self.stride, step + 1, self.stride)
         self.now: Truth = moments.truth(-1)
 

@@ -58,7 +58,8 @@ def put_servos(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None
     lag, wheel_speed, damping, torque = drive_servo(vehicle, law)
     hydrostat = spec.actuator("hydrostat")
     hydrostat.dynprm[0] = lag
-    hydrostat.gainprm[0], hydrostat.biasprm[2] = damping * wheel_speed, -damping
+    hydrostat.gainprm[0] = damping * wheel_speed
+    hydrostat.biasprm[2] = -damping
     hydrostat.forcerange = [-torque, torque]
 
 
@@ -67,10 +68,12 @@ def _put_steering(
 ) -> float:
     """Put a servo with the largest `torque` [N m]; return its damping [N m s/rad]."""
     stiffness = torque / give  # [N m/rad]
-    damping, limit = stiffness * steering.lag_s, math.radians(steering.limit_deg)
+    damping = stiffness * steering.lag_s
+    limit = math.radians(steering.limit_deg)
     actuator.dyntype = mujoco.mjtDyn.mjDYN_PID
     actuator.dynprm[1] = math.radians(steering.rate_degps)
-    actuator.biasprm[1], actuator.biasprm[2] = -stiffness, -damping
+    actuator.biasprm[1] = -stiffness
+    actuator.biasprm[2] = -damping
     actuator.ctrlrange = [-limit, limit]
     actuator.forcerange = [-torque, torque]
     return damping
@@ -90,9 +93,11 @@ def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> tuple[float, float, floa
     traction equation at small slip (on average over a step v = K / 2). The wheels lag behind the
     servo by m r^2 / damping. The rest of tau is the lag of the valve.
     """
-    empty, tyres = _empty(vehicle), tyres_of(vehicle)
+    empty = _empty(vehicle)
+    tyres = tyres_of(vehicle)
     load = wheel_loads(empty)  # (6,)
-    radius, gain = vehicle.rear_wheel.radius_m, vehicle.hydrostat.speed_gain_mps
+    radius = vehicle.rear_wheel.radius_m
+    gain = vehicle.hydrostat.speed_gain_mps
     law = law.of(tyres.radial)
     bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), _FIRM_KPA))
     slope = (load * law.traction_slip * law.largest_traction_ratio(bn))[_DRIVEN].sum()  # [N]
@@ -130,7 +135,8 @@ def equilibrium_slip(
     largest = max(np.linspace(0.0, 0.9, 91), key=surplus)  # resistance grows with slip, too
     if surplus(largest) <= 0.0:
         raise InvalidPlant(f"the vehicle cannot move itself on soil of {cone_index:g} kPa")
-    low, high = 0.0, float(largest)
+    low = 0.0
+    high = float(largest)
     for _ in range(50):  # bisection: scipy.optimize would take 16 MB of every worker
         middle = 0.5 * (low + high)
         low, high = (middle, high) if surplus(middle) < 0.0 else (low, middle)

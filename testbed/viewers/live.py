@@ -211,9 +211,11 @@ class _OriginGate:
     """
 
     def __init__(self, listener: socket.socket, inner_port: int) -> None:
-        self._listener, self._inner_port = listener, inner_port
+        self._listener = listener
+        self._inner_port = inner_port
         self._runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
-        self._loop, self._end = self._runner.get_loop(), asyncio.Event()
+        self._loop = self._runner.get_loop()
+        self._end = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="origin gate", daemon=True)
         self._thread.start()
 

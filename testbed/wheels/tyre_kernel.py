@@ -29,6 +29,7 @@ from ttempc.types import FloatArray
 
 from ..bodies import LEFT, Bodies, apply_wrench, axis_of, row_vector, velocity_of
 from ..ground.surface import Surface, grid_cell, ground_below
+from ..kernel_options import INLINED, KERNEL
 from ..truth import Wheels
 from ..vectors import VERTICAL, ZERO, Vector, add, cross, dot, norm, scale
 from . import tyre
@@ -52,10 +53,8 @@ _SMALL_SPEED: Final = tyre.SMALL_SPEED
 _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
 _PA_PER_KPA: Final = 1e3
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False, _nrt=False, fastmath=FAST)
-_inlined = cached_njit(
-    error_model="numpy", boundscheck=False, _nrt=False, fastmath=FAST, inline="always"
-)
+_kernel = cached_njit(**KERNEL, fastmath=FAST)
+_inlined = cached_njit(**INLINED, fastmath=FAST)
 
 
 class WheelSet(NamedTuple):

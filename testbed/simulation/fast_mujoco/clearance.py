@@ -22,6 +22,7 @@ from ttempc.types import FloatArray
 from ...bodies import row_vector
 from ...ground.ground import Ground
 from ...ground.surface import Grid, Surface
+from ...kernel_options import KERNEL
 
 MOTION_M: Final = 0.2  # largest motion between two checks of the shapes
 TILE_M: Final = 0.5
@@ -37,7 +38,7 @@ PLANE: Final = np.dtype(
 )
 """Plane above the ground of a tile."""
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
+_kernel = cached_njit(**KERNEL)
 
 
 class Chassis(NamedTuple):

@@ -17,6 +17,7 @@ from ttempc.jit import cached_njit, record
 from ttempc.types import FloatArray
 
 from ...ground.ground import Ground
+from ...kernel_options import INLINED, KERNEL
 from .clearance import Chassis, clearance, reaches_of
 from .library import mj_step1
 from .motion import Dynamics, update_kinematics
@@ -31,8 +32,8 @@ MEMORY: Final = np.dtype(
 
 _UNUSED: Final = int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False, _nrt=False)
-_inlined = cached_njit(error_model="numpy", boundscheck=False, _nrt=False, inline="always")
+_kernel = cached_njit(**KERNEL)
+_inlined = cached_njit(**INLINED)
 
 
 class ContactWatch(NamedTuple):

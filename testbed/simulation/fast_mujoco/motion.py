@@ -19,6 +19,7 @@ from ttempc.jit import FAST, cached_njit
 from ttempc.types import FloatArray
 
 from ...bodies import Bodies, row_vector
+from ...kernel_options import INLINED, KERNEL
 from ...vectors import add, cross, subtract
 from .library import (
     mj_com_pos,
@@ -39,10 +40,8 @@ EXPLICIT: Final = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 _VEHICLE: Final = 1  # body whose subtree is the vehicle
 _VELOCITY_GAIN: Final = 2  # place in the bias of an actuator
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False, _nrt=False, fastmath=FAST)
-_inlined = cached_njit(
-    error_model="numpy", boundscheck=False, _nrt=False, fastmath=FAST, inline="always"
-)
+_kernel = cached_njit(**KERNEL, fastmath=FAST)
+_inlined = cached_njit(**INLINED, fastmath=FAST)
 
 
 class Transmission(NamedTuple):
