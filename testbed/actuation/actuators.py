@@ -93,7 +93,7 @@ VALVE_STATE: Final = np.dtype(
     [
         ("step", np.float64),  # physics steps since the start
         ("cylinder", np.float64, (_AXES,)),  # angle to which the valve moves the cylinder
-        ("set_point", np.float64, (_AXES,)),  # of the servo
+        ("set_point", np.float64, (_AXES,)),  # angle or position that the servo is given
         ("wheel", np.float64, (_AXES,)),  # angle to which the cylinder moves the wheel
     ]
 )
@@ -144,7 +144,7 @@ class Actuators:
                 _steering_axis("trailer", specification.trailer, timestep, steering[1]),
                 _hydrostat_axis(specification.hydrostat, timestep),
             ]
-        )  # rows `VALVE`
+        )  # rows `VALVE` of front, trailer and hydrostat
 
     def start(self, hp: float) -> FloatArray:
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""

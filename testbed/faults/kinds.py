@@ -260,11 +260,11 @@ def _not_slower(fault: Made, context: FaultContext) -> str:
     return f"got rate_degps {fault.rate_degps:g}, must be below that of the valve, {rate:g}"
 
 
-def _too_much_play(fault: Made, context: FaultContext) -> str:
+def _too_much_backlash(fault: Made, context: FaultContext) -> str:
     stop = _steering(fault, context).limit_deg
-    if fault.play_deg < stop:
+    if fault.backlash_deg < stop:
         return ""
-    return f"got play_deg {fault.play_deg:g}, must be below the stop at {stop:g}"
+    return f"got backlash_deg {fault.backlash_deg:g}, must be below the stop at {stop:g}"
 
 
 # --- plant: forces on its bodies, parameters that change while it drives --------------------------
@@ -459,11 +459,11 @@ _TABLE: Final = (
         "A steering valve is fully open to one side: the axis runs to its stop.",
         (_SIDE,), lambda f, memory, target, timestep, stop: stop if f.side == "left" else -stop),
     Row("front_steering_play trailer_steering_play", "valve",
-        "A steering linkage is worn: the wheel follows its cylinder with play.",
-        (Key("play_deg", Positive, "Whole play."),),
+        "A steering linkage is worn: the wheel follows its cylinder with backlash.",
+        (Key("backlash_deg", Positive, "Whole angle of the backlash."),),
         lambda f, memory, target, timestep, stop: past_backlash(
-            memory, target, math.radians(f.play_deg)),
-        _too_much_play),
+            memory, target, math.radians(f.backlash_deg)),
+        _too_much_backlash),
     Row("hydrostat_cut", "valve",
         "The position of the hydrostat falls to 0, whatever is commanded.",
         (), lambda f, memory, target, timestep, stop: 0.0),

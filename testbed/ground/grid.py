@@ -71,7 +71,7 @@ class Grid:
                 lines = read_bounded(path, MOST_TEXT_BYTES).decode().replace(",", " ").splitlines()
                 some = any(line.partition("#")[0].strip() for line in lines)
                 values = np.loadtxt(lines, ndmin=2) if some else np.empty((0, 0))
-            values = values.astype(np.float64, casting="same_kind")  # no complex numbers
+            values = values.astype(np.float64, casting="same_kind")  # refuses complex numbers
         except OSError as error:
             raise InvalidField(f"{where}: {error.strerror}") from error
         except (ValueError, TypeError, EOFError, TokenError) as error:

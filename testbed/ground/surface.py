@@ -30,7 +30,8 @@ class Surface(NamedTuple):
     def of(cls, ground: Ground, heights: FloatArray | None = None) -> Self:
         """Return the surface of a ground, with heights in place of its own where they are given."""
         terrain = ground.terrain
-        grid = Grid(*map(float, terrain.origin), float(terrain.spacing_m))
+        x, y = terrain.origin
+        grid = Grid(float(x), float(y), float(terrain.spacing_m))
         return cls(grid, terrain.heights if heights is None else heights, ground.cone_index)
 
 

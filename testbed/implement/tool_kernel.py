@@ -48,7 +48,7 @@ class ToolLaw:
     draft_square: float  # [N s^2/m^3]
     side: float  # [N/m] per depth and radian of slip angle
     side_limit: float  # [N/m] per depth
-    exponent: float  # of the strength
+    exponent: float  # of the soil's strength in all forces
     background: float  # [kPa] cone index to which a strength is compared
 
     @classmethod

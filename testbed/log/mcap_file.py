@@ -40,7 +40,7 @@ class McapFile:
         self._compressor = ZstdCompressor(_LEVEL)
         self._summary: list[records.McapRecord] = []
         self._parts: list[memoryview] = []  # of the next chunk
-        self._size = 0  # of the parts
+        self._size = 0  # bytes of the parts so far
         self._index: dict[int, list[NDArray[np.uint64]]] = {}  # of its channels: times, places
         self._counts: Counter[int] = Counter()  # messages of each channel
         self._spans: list[int] = []  # first and last times [ns] of the chunks

@@ -41,7 +41,7 @@ _MOST_FILE_BYTES: Final = 2 * 2**30
 _MOST_BYTES: Final = 2 * 2**30  # of all chunks, decompressed
 _MOST_RATIO: Final = 64  # of decompressed bytes to those of the file
 _SMALL_BYTES: Final = 64 * 2**20  # decompressed, at any ratio
-_MOST_MESSAGES: Final = 10_000_000  # read into memory
+_MOST_MESSAGES: Final = 10_000_000  # that are read into memory
 
 _DATA_END_BYTES: Final = 13  # https://mcap.dev/spec#data-end-op0x0f
 _CRC_BYTES: Final = 4

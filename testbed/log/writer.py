@@ -98,7 +98,7 @@ class LogWriter(Publisher):
                 self._stream, metadata, attachments, topics_of(channels)
             )
         self._thread = ThreadPoolExecutor(1, "log")  # starts with the first batch
-        self._written: Future[None] | None = None  # the latest batch
+        self._written: Future[None] | None = None  # the batch that a thread writes
         self._next_s = _PERIOD_S
         super().__init__(scenery or Scenery(), channels)
 

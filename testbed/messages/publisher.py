@@ -47,7 +47,7 @@ _DRIVEN_PERIOD_S: Final = 5.0  # between driven paths, at least
 # ... and at least this share of the time driven: every message repeats the whole path, and with a
 # fixed period their sum would grow with the square of the time.
 _DRIVEN_SHARE: Final = 0.01
-_DRIVEN_STEP_M: Final = 1.0  # between its points
+_DRIVEN_STEP_M: Final = 1.0  # between points of the driven path
 _GNSS: Final = (  # topic, frame, columns of x, y and sample time in `MEASUREMENT`
     (topics.GNSS_TOPIC, "tractor", topics.MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
     (topics.GNSS_TRAILER_TOPIC, "trailer", topics.MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
@@ -125,7 +125,7 @@ class Publisher(Sink, ABC):
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
         self._templates = {each.topic: row_template(each) for each in _with_error(channels)}
         self._templates[topics.TRANSFORMS_TOPIC] = transforms_template(scenery.body_names)
-        self._state: tuple[FloatArray, FloatArray] | None = None  # the latest block
+        self._state: tuple[FloatArray, FloatArray] | None = None  # state of the latest block
         self._batch = self._empty()
         self._scenery = scenery
         self._driven: list[tuple[float, ...]] = []  # x, y of both axle points

@@ -35,7 +35,7 @@ class Scenery:
     """Data for viewers that do not change during a run."""
 
     body_names: tuple[str, ...] = ()
-    ground: Ground | None = None  # level where None
+    ground: Ground | None = None  # None: level ground
     shapes: bytes = b""  # a foxglove.SceneUpdate; empty where there is nothing to show
     frame: MapFrame = DEFAULT_FRAME  # place of the map on the earth
 

@@ -23,17 +23,17 @@ from ..vectors import Vector, dot
 class Places(NamedTuple):
     """Places of the vehicle's parts in MuJoCo's arrays."""
 
-    tractor: int  # bodies
+    tractor: int  # numbers of bodies
     drawbar: int
     trailer: int
-    antenna_t: int  # sites
+    antenna_t: int  # numbers of sites
     antenna_i: int
-    beta: int  # positions of joints
+    beta: int  # joints, in the positions
     delta_t: int
     delta_i: int
-    rear_left: int  # velocities of joints
+    rear_left: int  # joints, in the velocities
     rear_right: int
-    hydrostat: int  # activation of an actuator
+    hydrostat: int  # actuator, in the activations
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Self:

@@ -313,7 +313,9 @@ def off_tracking(bench: Bench, radius: float) -> float:
 # --- traction -------------------------------------------------------------------------------------
 
 _PULLING: Final = 0.7  # [m/s]
-_SLIPS: Final = np.array([0.0, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.20])  # desired
+_SLIPS: Final = np.array(
+    [0.0, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.20]
+)  # slips that are aimed at
 
 # Slip at best tractive efficiency: University of Arizona Cooperative Extension. It names surfaces
 # without a cone index; each is identified by the mobility number Bn that ASABE D497 gives for drive
@@ -518,7 +520,7 @@ def contour(bench: Bench) -> Iterator[Measured]:
     truths = drive(plant, bench.command(), _DRIFT_S, 0.1)
     speed = float(np.mean(column(truths, "speed")))
     time = column(truths, "time_s")
-    load = np.mean(column(truths, "wheels.load"), axis=0)  # tilted downhill
+    load = np.mean(column(truths, "wheels.load"), axis=0)  # the slope shifts the loads
     pull = plant.model.opt.gravity[2] * math.sin(slope)
     motion = steady_motion(planar, 0.0, speed, load, bench.cone_index, pull)
     down = -column(truths, "tractor.y") / math.cos(slope)
@@ -625,7 +627,9 @@ def bump(bench: Bench) -> Iterator[Measured]:
     force = np.array(loads)
     vertical = np.array(verticals)
     run_up = round((_RUN_UP_M - 0.2) / SPEED / every_s)
-    rest = force[run_up - round(0.5 / every_s) : run_up].mean(axis=0)  # rolling
+    rest = force[run_up - round(0.5 / every_s) : run_up].mean(
+        axis=0
+    )  # while it still rolls on level ground
     energy = 0.5 * vertical**2 @ mass + 0.5 * (force - rest) ** 2 @ (1.0 / stiffness)
     remaining = float(energy[-round(0.2 / every_s) :].mean() / energy[run_up:].max())
     time = every_s * np.arange(1.0, len(energy) + 1.0)

@@ -54,7 +54,9 @@ def tyre_mesh(
     rim = radius - section_height
     half = 0.5 * width
     lug = 0.16 * section_height
-    across = np.array([-1.0, -0.8, -0.55, -0.3, -0.05, 0.05, 0.3, 0.55, 0.8, 1.0])  # tread
+    across = np.array(
+        [-1.0, -0.8, -0.55, -0.3, -0.05, 0.05, 0.3, 0.55, 0.8, 1.0]
+    )  # profile across the tread
     crown = radius - 0.06 * section_height * across**2
     # profile (y, r) once around the section: rim, sidewall, tread, sidewall, rim
     y = np.concatenate([[-0.7, -1.0], 0.95 * across, [1.0, 0.7]]) * half
@@ -107,5 +109,7 @@ def ground_colours(
     strengths = Image.fromarray(np.log(cone_indices).astype(np.float32))
     strength = np.asarray(strengths.resize((columns, rows), Image.Resampling.BILINEAR))
     colour = np.stack([np.interp(strength, _STRENGTHS, part) for part in _COLOURS.T], axis=-1)
-    grain = np.random.default_rng(0).normal(0.0, 0.04, (rows, columns))  # blades of grass
+    grain = np.random.default_rng(0).normal(
+        0.0, 0.04, (rows, columns)
+    )  # noise that looks like grass
     return np.clip(colour * (1.0 + 0.28 * shade + grain)[..., None], 0.0, 1.0)

@@ -28,16 +28,16 @@ from .vehicle import GRAVITY, AxleLoads, PlantVehicle, Steering
 # reaches it; assumed. The torque is far above that of the tyres, so that the ground does not steer.
 # The lever is the wheel's radius in front and the trailer's length behind.
 _FRONT_TORQUE: Final = 3.6
-_FRONT_GIVE: Final = 0.15  # [rad]
+_FRONT_DEFLECTION: Final = 0.15  # [rad]
 _TRAILER_TORQUE: Final = 1.4
-_TRAILER_GIVE: Final = 0.08  # [rad]
+_TRAILER_DEFLECTION: Final = 0.08  # [rad]
 # Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
 # implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
 _LINKAGE_TIME: Final = 1e-3  # [s]
 # Largest torque of the drive over the largest that the rear wheels transmit: the wheels slip before
 # the drive stalls. And its loss of speed under that torque, by leakage, over the top wheel speed.
-_DRIVE_TORQUE: Final = 1.4  # assumed
-_DRIVE_DROOP: Final = 0.034  # assumed
+_DRIVE_TORQUE: Final = 1.4  # assumed, see above
+_DRIVE_DROOP: Final = 0.034  # assumed, see above
 _FIRM_KPA: Final = SoilMap.named("hard").background
 _DRIVEN: Final = np.array([wheel.startswith("rear") for wheel in WHEELS])
 
@@ -51,10 +51,12 @@ def put_servos(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None
     """
     loads = AxleLoads.of(_empty(vehicle))
     front = _FRONT_TORQUE * loads.front * vehicle.front_wheel.radius_m
-    damping = _put_steering(spec.actuator("steer"), vehicle.front_steering, front, _FRONT_GIVE)
+    damping = _put_steering(
+        spec.actuator("steer"), vehicle.front_steering, front, _FRONT_DEFLECTION
+    )
     spec.joint("steer").armature = _LINKAGE_TIME * damping  # [kg m^2]
     trailer = _TRAILER_TORQUE * loads.trailer * vehicle.trailer.length_m
-    _put_steering(spec.actuator("rj2"), vehicle.trailer_steering, trailer, _TRAILER_GIVE)
+    _put_steering(spec.actuator("rj2"), vehicle.trailer_steering, trailer, _TRAILER_DEFLECTION)
     lag, wheel_speed, damping, torque = drive_servo(vehicle, law)
     hydrostat = spec.actuator("hydrostat")
     hydrostat.dynprm[0] = lag

@@ -59,7 +59,7 @@ class FrontAxle:
     """The steered axle, which pivots in roll; its mass is without the wheels."""
 
     track_m: Positive  # between the centres of the front tyres, wheels straight
-    kingpin_track_m: Positive  # between the kingpins
+    kingpin_track_m: Positive  # distance between the kingpins
     mass_kg: Positive
     pivot_limit_deg: AngleDeg
 
@@ -69,8 +69,8 @@ class Wheel:
     """One of a pair of wheels; `testbed.wheels.tyre.Tyres` uses the numbers."""
 
     size: str  # as printed on the tyre
-    radius_m: Positive  # unloaded
-    width_m: Positive  # of the section
+    radius_m: Positive  # of the unloaded tyre
+    width_m: Positive  # of the tyre's section
     section_height_m: Positive
     relative_deflection: Annotated[float, Field(gt=0, lt=0.5)]  # at the rated load
     rated_load_n: Positive
@@ -125,7 +125,7 @@ class Load:
     """Load in the box, in addition to the trailer's mass."""
 
     mass_kg: NotNegative
-    height_m: Positive  # of the centre
+    height_m: Positive  # of the centre of mass
     forward_m: PlaceM  # centre ahead of the trailer axle
 
 

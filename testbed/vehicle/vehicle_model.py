@@ -148,9 +148,11 @@ class _Ratios:
         kingpin_y = spec.body("knuckle_left").pos[1]
         box_x, box_y, box_z = spec.geom("box").size
         self.wheelbase = tractor.wheelbase_m / spec.body("front_axle").pos[0]
-        self.engine = 0.5 * tractor.engine_width_m / spec.geom("engine").size[1]  # width
+        self.engine = (
+            0.5 * tractor.engine_width_m / spec.geom("engine").size[1]
+        )  # scale of the width
         self.rear = vehicle.rear_wheel.radius_m / rear_radius
-        between = tractor.rear_track_m - vehicle.rear_wheel.width_m  # the rear tyres
+        between = tractor.rear_track_m - vehicle.rear_wheel.width_m  # space between the rear tyres
         self.inside = 0.5 * between / (rear_y - rear_half)
         self.kingpins = 0.5 * axle.kingpin_track_m / kingpin_y
         self.front = vehicle.front_wheel.radius_m / spec.geom("front_left_tyre").size[0]

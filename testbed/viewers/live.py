@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client, ServerListener
 
 HOST: Final = "127.0.0.1"  # of this machine only
-DEFAULT_PORT: Final = 8765  # Foxglove's default
+DEFAULT_PORT: Final = 8765  # the default of Foxglove's own bridges
 PROTOCOL: Final = "foxglove.sdk.v1"
 """WebSocket subprotocol, the only one: a viewer that speaks `foxglove.websocket.v1` is refused."""
 
@@ -221,7 +221,7 @@ class _OriginGate:
 
     def close(self) -> None:
         """Close all connections."""
-        with contextlib.suppress(RuntimeError):  # closed already
+        with contextlib.suppress(RuntimeError):  # the loop may be closed already
             self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join()
 
