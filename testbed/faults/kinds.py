@@ -73,11 +73,7 @@ SampleFilter = Callable[[FloatArray], FloatArray]
 Rows have time, `SensorIndex`, three components, due physics step; the array is the filter's own.
 """
 
-# columns of these rows
-_TIME: Final = 0
-_INDEX: Final = 1
-_VALUE: Final = slice(2, 5)
-_DUE: Final = 5
+_TIME, _INDEX, _VALUE, _DUE = 0, 1, slice(2, 5), 5  # columns
 _GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 _ANGLES: Final = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH)
 _SETS: Final = {

@@ -58,7 +58,7 @@ _SAMPLES: Final = {sensor: (*parts, "time_s") for sensor, parts in COMPONENTS.it
 STATE: Final = Channel(
     "/state",
     "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds, and the "
-    "set points of the servos behind dead time, dead band and play",
+    "set points of the servos behind dead time, dead band and backlash",
     (
         *_POSES,
         *_BEYOND,
