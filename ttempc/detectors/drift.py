@@ -53,7 +53,8 @@ def new_drift() -> FloatArray:
 
 def apparent_drift(map_disturbance: FloatArray) -> FloatArray:
     """Return the drift over the speed, east and north, that a `MapDisturbance` (4,) looks like."""
-    side, climb = map_disturbance[:2], map_disturbance[2:]
+    side = map_disturbance[: MapDisturbance.CLIMB_X]
+    climb = map_disturbance[MapDisturbance.CLIMB_X :]
     return _SIDE_SHARE * side - _WHEEL_SHARE * climb
 
 

@@ -1,7 +1,7 @@
 """Exclusion of sensors by the alarms of detectors."""
 
 from ..layout import AlarmColumn
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from .board import WARN, Record, stands
 from .history import kernel
 from .position import excludes_gnss

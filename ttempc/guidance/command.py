@@ -46,8 +46,8 @@ class Ask(NamedTuple):
 class Clipped(NamedTuple):
     """An input within its limits."""
 
-    desired: float  # before them
-    lower: float  # of this period
+    desired: float  # value before the limits
+    lower: float  # limits of this period, by amplitude and rate
     upper: float
     allowed: float  # nearest value within them
     command: float  # the same, with the hydrostat as the supervisor lets it
@@ -74,7 +74,7 @@ def write_command(
         commands: with dead times the commands as they act together, newest first, (count, 3);
             without them (0, 3).
         guard: record `GUARD`.
-        tick: record `TICK` as `decide` and the controller have left it.
+        tick: record `TICK` as `decide_mode` and the controller have left it.
     """
     g = record(guard, GUARD)
     t = record(tick, TICK)

@@ -33,8 +33,8 @@ Record = Any
 
 _STANDING_MPS: Final = 0.05  # largest speed of a vehicle that stands
 _ALARM_FREE_S: Final = 2.0  # before a vehicle that stands drives on; assumed
-# Where the cause shows only while the vehicle drives, as with spinning wheels, it must not stop and
-# start for ever.
+# A vehicle whose alarm has its cause in driving, as spinning wheels, must not stop and start for
+# ever: after so many restarts a stop is for good.
 _RESTARTS: Final = 1
 _FORGOTTEN_S: Final = 60.0  # of driving after which the restarts count anew; assumed
 _UP_TO_SPEED: Final = 0.8  # share of the reference's speed from which on it waits no more; assumed
@@ -54,7 +54,7 @@ _kernel: Final = cached_njit(error_model="numpy", nogil=True, _nrt=False, no_rew
 
 
 @_kernel
-def decide(
+def decide_mode(
     sample: int,
     now: float,
     fresh: bool,
@@ -353,7 +353,7 @@ def _choose_mode(
         t.reason = g.lost
     elif reaction == _STOP:
         t.reason = ALARM_HELD
-    elif outage_s > safety.unseen_stop_s:
+    elif outage_s > safety.gnss_outage_stop_s:
         t.reason = POSITION_LOST
     elif deviation_m > safety.uncertain_stop_m:
         t.reason = UNCERTAIN
@@ -362,7 +362,7 @@ def _choose_mode(
         t.reason = ALARM_HELD
     else:
         t.mode = DRIVE
-        if outage_s > safety.unseen_slow_s:
+        if outage_s > safety.gnss_outage_slow_s:
             t.reason = POSITION_LOST
         elif deviation_m > safety.uncertain_slow_m:
             t.reason = UNCERTAIN

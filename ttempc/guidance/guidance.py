@@ -1,4 +1,4 @@
-"""The control loop: reference -> filter -> controller (MPC) -> guard, a control period at a time.
+"""The control loop, a period at a time: reference -> filter -> controller (MPC) -> supervisor.
 
 `Guidance.update` and `Guidance.step` are the whole loop, in the order in which data flows. What
 each call does is in the file of its object:
@@ -192,7 +192,7 @@ class Guidance(GuidanceReport):
         self._notes = ()
         self._control_step = None
         self.tick += 1
-        self.reference_tick += not guard.waits
+        self.reference_tick += not supervisor.waits
         return Command(*self._sent.tolist())
 
     def resume(self) -> None:

@@ -96,7 +96,7 @@ def _reason_words(t: np.void, guard: np.void, facts: Facts) -> str:
     if reason == ALARM_HELD:
         return "; ".join(facts.alarms) if drives else facts.stop
     if reason == POSITION_LOST:
-        limit_s = safety.unseen_slow_s if drives else safety.unseen_stop_s
+        limit_s = safety.gnss_outage_slow_s if drives else safety.gnss_outage_stop_s
         return f"position not measured for more than {limit_s:g} s"
     if reason == UNCERTAIN:
         limit_m = safety.uncertain_slow_m if drives else safety.uncertain_stop_m

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidTuning
 from ..types import FloatArray
 
-# Modes:
+# Modes of a tick, the mildest first:
 DRIVE: Final = 0  # the controller drives, at half speed where there is a reason
 ON_PATH: Final = 1  # stop, and the controller steers
 HOLD: Final = 2  # the last command is held
@@ -22,7 +22,7 @@ NO_ESTIMATE: Final = 1
 NOT_FINITE: Final = 2
 LOST: Final = 3  # and the next five: the tractor is far off, beside, turned; the trailer
 ALARM_HELD: Final = 9
-POSITION_LOST: Final = 10  # a GNSS outage
+POSITION_LOST: Final = 10  # GNSS outage: no sample was accepted for too long
 UNCERTAIN: Final = 11
 CORRIDOR: Final = 12
 
@@ -52,12 +52,12 @@ class SafetyLimits:
         InvalidTuning: a value is not above 0.
 
     Examples:
-        >>> SafetyLimits(unseen_stop_s=6.0).unseen_stop_s
+        >>> SafetyLimits(gnss_outage_stop_s=6.0).gnss_outage_stop_s
         6.0
     """
 
-    unseen_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
-    unseen_stop_s: float = 12.0
+    gnss_outage_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
+    gnss_outage_stop_s: float = 12.0
     blind_s: float = 1.0  # without a finite estimate: hold the command so long, then stop
     uncertain_slow_m: float = 0.25  # standard deviation of the tractor point
     uncertain_stop_m: float = 0.50
@@ -78,7 +78,7 @@ SAFETY: Final = np.dtype([(item.name, "f8") for item in fields(SafetyLimits)])
 
 GUARD: Final = np.dtype(
     [
-        ("sent", "f8", 3),  # the last command
+        ("sent", "f8", 3),  # command of the tick before
         ("rates_hold", "f8"),  # 0: a user's first command is free of the rate limits
         ("finite_s", "f8"),  # time of the last finite estimate, NaN: none
         ("gnss_s", "f8"),  # time of the last accepted GNSS sample, NaN: none
@@ -89,7 +89,7 @@ GUARD: Final = np.dtype(
         ("overridden", "f8"),  # whether the last command was not the controller's
         ("waiting", "f8"),  # whether the reference waits where it is ahead
         ("stop_alarm", "f8"),  # row of the alarm whose stop is held, -1: none
-        ("stop_numbers", "f8", 3),  # of that alarm
+        ("stop_numbers", "f8", 3),  # numbers of that alarm, for its words
         ("stop_reaction", "f8"),
         ("alarm_s", "f8"),  # time of the last alarm that asked for a stop
         ("restarts", "f8"),
@@ -114,7 +114,7 @@ class SupervisedReference(NamedTuple):
     inputs: FloatArray  # (N, 3)
     beyond: NDArray[np.bool_]  # (N, 3) inputs beyond the limits
     limits: FloatArray  # (3, 3) of each input, see `LimitRow`
-    safety: FloatArray  # record `SAFETY`
+    safety: FloatArray  # `SafetyLimits` as a record `SAFETY`
     period_s: float
     speed: float  # largest one of the reference [m/s]
     radius: float  # of the turn by which a vehicle comes back to its path [m]

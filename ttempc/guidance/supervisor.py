@@ -39,7 +39,7 @@ from ..types import (
 from ..vehicle import CommandLimits, Vehicle
 from .command import write_command
 from .dead_time import DeadTimeCompensation
-from .decision import decide
+from .decision import decide_mode
 from .reasons import Facts, fallback_words
 from .safety import DRIVE, GUARD, ON_PATH, SAFETY, SafetyLimits, SupervisedReference
 from .user_answer import checked_answer, user_part
@@ -71,7 +71,7 @@ class SupervisorMemory(NamedTuple):
 class Supervisor:
     """Runs a controller as long as estimate and reference allow it.
 
-    `decide` finds what is wrong, then the controller is asked if it is to drive, and
+    `decide_mode` finds what is wrong, then the controller is asked if it is to drive, and
     `write_command` limits its command, see there. Where nothing is wrong a feasible command is sent
     as it is.
 
@@ -214,7 +214,7 @@ class Supervisor:
         guard = self._guard.copy()
         tick = new_tick()
         row = np.zeros(len(_NO_ESTIMATE))
-        decide(0, 0.0, True, row, np.zeros((1, ALARM)), self._reference, guard, tick)
+        decide_mode(0, 0.0, True, row, np.zeros((1, ALARM)), self._reference, guard, tick)
         write_command(True, self._reference, self._commands.copy(), guard, tick)
 
     @property
@@ -238,7 +238,9 @@ class Supervisor:
         position = estimate.view(ESTIMATE)[0]["state"][: State.PSI_T]
         if self.space_based and np.isfinite(position).all():
             sample = round(self._projection.place(*position.tolist()))
-        mode = decide(sample, now, fresh, estimate, alarms, self._reference, self._guard, self.tick)
+        mode = decide_mode(
+            sample, now, fresh, estimate, alarms, self._reference, self._guard, self.tick
+        )
         steers = mode in (DRIVE, ON_PATH)
         self._answered = None
         self._sample = k
@@ -303,9 +305,11 @@ class Supervisor:
     @property
     def solve_time_s(self) -> float:
         """Time of the last step's solver as it reports it [s]; 0 where none was needed."""
-        asked = self._asked
-        answered, asked = self._answered, self._asked
-        report = answered.solver if answered else asked and asked.feedback.report
+        report = None
+        if self._answered:
+            report = self._answered.solver
+        elif self._asked:
+            report = self._asked.feedback.report
         return report.solve_time_s if report else 0.0
 
     def predicted_path(self) -> FloatArray | None:

@@ -69,7 +69,8 @@ def checked_answer(answer: object, tick: int) -> Answer:
         raise ControllerFailed(
             f"{about}must be Command or ControlStep, got {type(answer).__name__}"
         )
-    command, diagnostics = step.command, step.diagnostics
+    command = step.command
+    diagnostics = step.diagnostics
     if not isinstance(command, Command) or not isinstance(diagnostics, Diagnostics):
         raise ControllerFailed(f"{about}must hold Command and Diagnostics, got {answer!r:.200}")
     _check_numbers(diagnostics, about)

@@ -11,11 +11,11 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.estimation.filter import first_state
+from ttempc.estimation.filter.start import first_state
 from ttempc.estimation.noise import SensorNoise
-from ttempc.models.augmented_state import LENGTH
 from ttempc.models.kinematics import wrap_angle
 from ttempc.mpc.qp import QP, CheckedSolver
+from ttempc.sensors import STARTING_SENSORS
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -83,12 +83,12 @@ class Estimator:
         samples = [
             item
             for item in measurements
-            if item.sensor in LENGTH and all(map(math.isfinite, item.value))
+            if item.sensor in STARTING_SENSORS and all(map(math.isfinite, item.value))
         ]
         for item in samples:
             self._readings[item.sensor] = item
         if self._first is None:
-            if len(self._readings) < len(LENGTH):
+            if len(self._readings) < len(STARTING_SENSORS):
                 return self._estimate(time_s, np.full(_SIZE, math.nan), np.full((7, 7), math.nan))
             state, _ = first_state(self._readings, self._vehicle, self._noise)
             trailer = self._readings[Sensor.GNSS_TRAILER].value
