@@ -5,13 +5,8 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-<<<<<<< HEAD
-from enum import IntEnum, StrEnum
-from typing import Final, NamedTuple, Protocol, Self
-=======
 from enum import IntEnum
-from typing import Final, NamedTuple, Protocol, Self, runtime_checkable
->>>>>>> main
+from typing import Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,15 +235,11 @@ class Controller(ABC):
     """Turns an estimate into a command once every control period.
 
     A controller owns its reference and its memory; it never sees the plant. Tick k belongs to
-<<<<<<< HEAD
-    time k * period of the reference, which waits where the vehicle is held up: then k repeats.
+    time k * period of the reference. It waits where the supervisor slows the vehicle: then k
+    repeats.
 
     Only `step` must be written. A guidance also takes an object that has `step` and derives from
     nothing; of the other methods it calls those that the object has.
-=======
-    time k * period of the reference. It waits where the supervisor slows the vehicle: then k
-    repeats.
->>>>>>> main
     """
 
     space_based: bool = False

@@ -6,7 +6,7 @@ each call does is in the file of its object:
 - `pipeline.py`: vehicle, reference, estimator and controller, and what is learnt of the vehicle
 - `../estimation/`: the filter
 - `../detectors/`: the detectors of faults
-- `supervisor.py`: the guard, and the limits of a command
+- `supervisor.py` with `decision.py` and `command.py`: checks, and the limits of a command
 - `../laws/`, `../mpc/`: the controller
 - `dead_time.py`: compensation of the actuators' dead times around a controller
 """
@@ -181,12 +181,14 @@ class Guidance(GuidanceReport):
         now = self._clock.updated_s + self._steps_since_update * self.period_s
         self._steps_since_update += 1
 
-        # The guard compares the estimate with a tick of the reference, the controller adds the
-        # feedforward of the reference, the MPC and the robust action, the guard limits the sum.
-        guard = self._supervisor
-        if guard.decide(estimate, self.reference_tick, now, self._alarms):
-            guard.compute_command(self.estimate_record, self.reference_tick, self._seen_estimate)
-        self._sent = guard.finish()
+        # The supervisor compares the estimate with a tick of the reference. The controller adds
+        # feedforward, feedback (MPC) and robust action; the supervisor limits their sum.
+        supervisor = self._supervisor
+        if supervisor.decide(estimate, self.reference_tick, now, self._alarms):
+            supervisor.compute_command(
+                self.estimate_record, self.reference_tick, self._seen_estimate
+            )
+        self._sent = supervisor.finish()
 
         self.learnt = self._notes
         self._notes = ()
