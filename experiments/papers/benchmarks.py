@@ -9,6 +9,7 @@ beyond its limit is marked as missed.
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
+import contextlib
 import importlib
 import itertools
 import os
@@ -18,12 +19,11 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType, FunctionType, ModuleType
 from typing import Final
-from unittest import mock
 
 import mujoco
 import numpy as np
@@ -50,14 +50,13 @@ from ..studies.sweep.folder import Origin, SweepFolder
 from ..studies.sweep.plan import SweepPlan
 from ..studies.sweep.results import rows
 from ..studies.sweep.row import Row
-from ..studies.sweep.study import ListAxis
-from ..studies.sweep.study import Study as SweepStudy
+from ..studies.sweep.study import ListAxis, Study
 from ..studies.sweep.sweep import sweep
 from ..threads import use_one_thread
+from .markdown import markdown
 from .memory import peak_mb
 from .studies.effects import BASE, EFFECTS
-from .study import Study
-from .tables import markdown
+from .table import Table
 
 SEED: Final = 1
 
@@ -207,7 +206,7 @@ def loop_ratio(
 
 
 def effect_ratios(repeats: int = 6, blocks: int = 6) -> list[Figure]:
-    """Return what each effect of the study `effects` adds to a step of the physics on `farm`.
+    """Return what each effect of the table `effects` adds to a step of the physics on `farm`.
 
     In frozen bare steps; plants with and without it alternate, the fastest block counts.
     """
@@ -312,12 +311,21 @@ def start_up(repeats: int = 5) -> list[Figure]:
 # --- Sweep ----------------------------------------------------------------------------------------
 
 
-def _sweep(study: SweepStudy, workers: int, parent: Path) -> tuple[float, list[Row], float]:
+@contextlib.contextmanager
+def _without_main() -> Iterator[None]:
+    """Hide the main module of this process: workers load what those of `ttempc sweep` do."""
+    kept = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = kept
+
+
+def _sweep(study: Study, workers: int, parent: Path) -> tuple[float, list[Row], float]:
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak [MB]."""
     taken, folder = 0.0, None
-    # workers load what those of `ttempc sweep` do, and no main module of this process
-    bare = {"__main__": ModuleType("__main__")}
-    with mock.patch.dict(sys.modules, bare), engine(workers) as cores:
+    with _without_main(), engine(workers) as cores:
         for seeds in (workers, study.seeds):
             plan = SweepPlan("benchmark", replace(study, seeds=seeds))
             folder = SweepFolder(Path(tempfile.mkdtemp(dir=parent)), Origin.here("", plan.size))
@@ -336,7 +344,7 @@ def sweeps(seeds: int = 4) -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder:
         for workers, timestep_s, least in ((1, 0.002, 150.0), (2, 0.002, 150.0), (2, 0.004, 250.0)):
             changes = {"path": {"laps": 1}, "plant": {"timestep_s": timestep_s}}
-            study = SweepStudy(seeds=seeds, set=changes, axis=(axis,))
+            study = Study(seeds=seeds, set=changes, axis=(axis,))
             spent, driven, peak = _sweep(study, workers, Path(folder))
             taken.setdefault(workers, spent)
             busy = sum(float(row["wall_s"] or 0.0) for row in driven)
@@ -378,7 +386,7 @@ def table() -> str:
     return f"{where}\n\n{markdown(('part', 'figure', 'value', 'limit'), lines)}"
 
 
-STUDIES: Final = (Study(name="performance", make=lambda runner: table()),)
+TABLES: Final = (Table(name="performance", make=lambda runner: table()),)
 
 
 def main() -> None:

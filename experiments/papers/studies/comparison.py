@@ -16,8 +16,8 @@ from ...results.summary import ACTUATOR_USE
 from ...seeds import TUNED_FIELDS
 from ...studies.sweep.results import WORKING_P95
 from ...studies.sweep.study import DrawnAxis, load_study
-from ..study import Study
-from ..tables import markdown
+from ..markdown import markdown
+from ..table import Table
 
 DEFAULT: Final = "ttempc"  # that the others are compared with
 LEVEL: Final = 0.05  # of the tests, after Holm's correction
@@ -185,7 +185,7 @@ def side_by_side(rows: pd.DataFrame) -> str:
     return markdown((*heads, *pairs), lines)
 
 
-STUDIES: Final = (
-    Study(name="compare", table=controllers, sweeps=("compare",)),
-    Study(name="studies", table=side_by_side, sweeps=SWEEPS),
+TABLES: Final = (
+    Table(name="compare", text=controllers, sweeps=("compare",)),
+    Table(name="studies", text=side_by_side, sweeps=SWEEPS),
 )

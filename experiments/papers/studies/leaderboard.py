@@ -36,9 +36,9 @@ from ...studies.trials.score_card import (
     public_draws,
     read_score_card,
 )
+from ..markdown import markdown
 from ..runner import Runner
-from ..study import Block, Study
-from ..tables import markdown
+from ..table import Block, Table
 
 CARDS: Final = "cards"
 """Folder of the score cards, among the kept rows: those made here, and those that others sent."""
@@ -292,8 +292,8 @@ def rank_shares(ordered: Sequence[ScoreCard]) -> FloatArray:
     return (found.argsort(axis=0).argsort(axis=0) == np.arange(len(ordered))[:, None]).mean(axis=1)
 
 
-STUDIES: Final = (
-    Study(
+TABLES: Final = (
+    Table(
         name="field-trials",
         make=make,
         seeds=PUBLIC,
@@ -305,8 +305,8 @@ STUDIES: Final = (
             *(("grass", *words) for words in SHIPPED),
         ),
     ),
-    Study(name="trial-power", make=make_power, seeds=(*PUBLIC, *CHECKS), checks=()),
-    Study(
+    Table(name="trial-power", make=make_power, seeds=(*PUBLIC, *CHECKS), checks=()),
+    Table(
         name="headline",
         make=lambda runner: headline(
             [_driven(runner, Entrant.of(name, ()), PUBLIC) for name in HEADLINE]

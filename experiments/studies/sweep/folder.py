@@ -71,6 +71,11 @@ def is_begun(path: Path) -> bool:
     return (path / _STUDY).exists()
 
 
+def read_origin(path: Path) -> Origin:
+    """Return the origin of a folder in which a sweep has been begun."""
+    return Origin(**json.loads((path / _VERSIONS).read_text(encoding="utf-8")))
+
+
 @contextmanager
 def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
     """Lock a new folder, or that of the same sweep, until the block or the process ends.
@@ -122,7 +127,7 @@ def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
     Raises:
         SweepRefused: it belongs to another sweep; the message says what differs.
     """
-    begun = Origin(**json.loads((path / _VERSIONS).read_text(encoding="utf-8")))
+    begun = read_origin(path)
     # The commit may differ: the digest says whether the code does.
     before, after = ({"code": item.code, **item.versions, "commit": ""} for item in (begun, origin))
     for name in {**before, **after}:
@@ -151,7 +156,8 @@ def _renumbered(path: Path, plan: SweepPlan, origin: Origin) -> list[Row]:
         planned = plan[run]
         if row := rest.pop(plan.identity(planned, origin.versions), None):
             values = {**row, **planned.setting.axes, "run": run, "point": planned.point}
-            kept.append({name: values[name] for name in columns(plan.study.names)})
+            first = {name: values.pop(name) for name in columns(plan.study.names)}
+            kept.append({**first, **values})  # a study of the pages has columns of its own
     for row in rest.values():
         raise SweepRefused(
             f"output folder {path}: holds {len(rest)} rows of runs that are not in study "

@@ -28,7 +28,7 @@ from ...scenario.scenario import (
     read_scenario,
 )
 from .row import Value
-from .study import MOST_RUNS, Change, Dimension, Scalar, Study, dimensions
+from .study import MOST_RUNS, Change, Dimension, Scalar, Study, VariantAxis, dimensions
 
 _CACHED = 64  # scenarios: those of one point, for all its seeds
 
@@ -85,6 +85,7 @@ class SweepPlan:
         self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
         self._relative = {key for axis in study.axis if axis.relative for key in axis.names}
         self._optional = {key for axis in study.axis if axis.optional for key in axis.names}
+        self._variants = {a.name: a.values for a in study.axis if isinstance(a, VariantAxis)}
         self._seeds = study.point_seeds
         self._drafts: dict[str, ScenarioFile] = {}
         for dimension in factors:
@@ -210,6 +211,9 @@ class SweepPlan:
         merge_tables(tables, self.study.set)
         try:
             for key, value in changes.items():
+                if key in self._variants:
+                    merge_tables(tables, self._variants[key][str(value)])
+                    continue
                 if key in self._optional and self._lacks(draft, key):
                     continue
                 if key in self._relative:
@@ -220,7 +224,10 @@ class SweepPlan:
                 refuse_untrusted(draft.file, named_parts(scenario), {})
         except ExperimentError as error:
             raise self._refusal(changes, error) from None
-        axes = {key: scenario_value(scenario, key, draft.name) for key in changes}
+        axes = {
+            key: label if key in self._variants else scenario_value(scenario, key, draft.name)
+            for key, label in changes.items()
+        }
         return Setting(draft.name, scenario, dump(scenario), axes)
 
     def _draft(self, name: str) -> ScenarioFile:
