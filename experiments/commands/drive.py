@@ -129,7 +129,8 @@ def demo(arguments: argparse.Namespace) -> int:
     shown = Recording(shown=True)
     finished = run(name, scenario, arguments.seed, folder, make=first_seconds, recording=shown)
     finished = _with_page(finished)
-    log, file = finished.files["log"], folder / "film.webp"
+    log = finished.files["log"]
+    file = folder / "film.webp"
 
     def write(camera: Camera) -> None:
         film = Film.of(log, FilmSettings(camera=camera, speed=_DEMO_SPEED, size=_DEMO_SIZE))

@@ -42,7 +42,9 @@ def export(arguments: argparse.Namespace) -> int:
     from ...testbed.log.reader import read_content
     from ..logs.export import export_log
 
-    log, form, content = arguments.log, arguments.form, read_content(arguments.log)
+    log = arguments.log
+    form = arguments.form
+    content = read_content(arguments.log)
     files = export_log(content, arguments.out or log.with_name(f"{log.stem}-{form}"), form)
     if content.salvage:
         print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
@@ -154,12 +156,15 @@ def tube(arguments: argparse.Namespace) -> int:
     refuse_existing(arguments.out)
     if arguments.laps_coverage is not None:
         runs = read_runs(arguments.folders, driven_run)
-        file, warnings = calibrate_tube(runs, arguments.laps_coverage), ()
+        file = calibrate_tube(runs, arguments.laps_coverage)
+        warnings = ()
         text = format_calibration(file)
     else:
         coverage = COVERAGE if arguments.coverage is None else arguments.coverage
         fit = fit_tube(read_runs(arguments.folders, fit_run), coverage)
-        file, warnings, text = fit.file, fit.warnings, format_fit(fit)
+        file = fit.file
+        warnings = fit.warnings
+        text = format_fit(fit)
     write_file(arguments.out, to_json(file))
     print(f"{text}\n\ntube      {arguments.out}")
     for warning in warnings:

@@ -279,7 +279,8 @@ def refuse_given(arguments: argparse.Namespace, names: tuple[str, ...], reason: 
 
 def unused_path(parent: Path, stem: str, suffix: str = "") -> Path:
     """Return the path of a new folder or file: the stem, with a number appended if it exists."""
-    path, count = parent / f"{stem}{suffix}", 1
+    path = parent / f"{stem}{suffix}"
+    count = 1
     while path.exists() or partial_path(path).exists():
         count += 1
         path = parent / f"{stem}-{count}{suffix}"

@@ -38,7 +38,8 @@ def render(arguments: argparse.Namespace) -> int:
     from ..pictures.film.render import STILL_SUFFIXES, Film
     from ..pictures.film.settings import FRAME_RATE, FilmSettings
 
-    at_s, log = arguments.at_s, arguments.log
+    at_s = arguments.at_s
+    log = arguments.log
     ending = f"{arguments.camera}.mp4" if at_s is None else f"{arguments.camera}-{at_s:g}.png"
     file = arguments.out or log.with_name(f"{log.name.removesuffix('.mcap')}-{ending}")
     still = file.suffix.lower() in STILL_SUFFIXES

@@ -250,7 +250,8 @@ def _target(word: str, sample: str) -> tuple[str, str]:
     name = name[: match.start()].rstrip("_") if match else name
     base, _, suffix = name.rpartition("_")
     if base and suffix in _UNITS:
-        name, unit = base, _UNITS[suffix]
+        name = base
+        unit = _UNITS[suffix]
     if name not in _QUANTITIES:
         return "", ""
     quantity, default = _QUANTITIES[name]

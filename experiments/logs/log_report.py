@@ -50,7 +50,8 @@ def report_of_log(log: Path) -> str:
 
 
 def _facts(log: Path, record: Record, scenario_toml: str) -> RunFacts:
-    metadata, versions = record.metadata, versions_of(record.metadata)
+    metadata = record.metadata
+    versions = versions_of(record.metadata)
     seed = int(_seed(record))
     status, failure = _outcome(record)
     return RunFacts(

@@ -83,7 +83,8 @@ def ticks(record: Record) -> Iterator[RecordedTick]:
     Raises:
         InvalidReplay: the record has no estimates or a tick without a command.
     """
-    times, samples = record[ESTIMATE].time_s, record[MEASUREMENT]
+    times = record[ESTIMATE].time_s
+    samples = record[MEASUREMENT]
     commands = record[CONTROL].columns(*_COMMAND)
     headings = record[ESTIMATE].columns("psi_t_rad", "psi_i_rad")
     if not len(times) or len(commands) < len(times) - 1:

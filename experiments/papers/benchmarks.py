@@ -95,9 +95,11 @@ PAUSES: Final = {
 
 def ticks(overrides: Sequence[str] = ("path.laps=1",)) -> list[Figure]:
     """Return quantiles of `Guidance.update` and `Guidance.step` along `grass`, by kind of pause."""
-    found, quantiles = [], {"median": 0.5, "p99": 0.99, "max": 1.0}
+    found = []
+    quantiles = {"median": 0.5, "p99": 0.99, "max": 1.0}
     for kind, (pause_s, prepared) in PAUSES.items():
-        recorder, assembly = Recorder(), assemble(load("grass", overrides)[1], SEED)
+        recorder = Recorder()
+        assembly = assemble(load("grass", overrides)[1], SEED)
 
         def wait(_: int, pause_s: float = pause_s) -> None:
             time.sleep(pause_s)
@@ -141,9 +143,11 @@ def bare_step_s(steps: int = 500, blocks: int = 20) -> float:
 def soil_step_s(vehicle: PlantVehicle, timestep_s: float = 0.002, blocks: int = 20) -> float:
     """Return the time of a step on rough soil with its truths at 25 Hz [s], the fastest block."""
     rough = terrain.rough("D", generator(1, "terrain"))
-    plant, times = Plant(vehicle, rough, SoilMap(600.0), timestep_s=timestep_s), []
+    plant = Plant(vehicle, rough, SoilMap(600.0), timestep_s=timestep_s)
+    times = []
     plant.reset(0.0, 0.0, 0.0, 1.0)
-    command, stride = Command(0.05, 0.0, 0.4), round(0.04 / timestep_s)
+    command = Command(0.05, 0.0, 0.4)
+    stride = round(0.04 / timestep_s)
     plant.advance(command, 25 * stride)
     start = plant.snapshot()
     for _ in range(blocks):
@@ -161,7 +165,8 @@ def _drive(length_m: float, logged: bool) -> tuple[float, float, float]:
     name, scenario = load("grass", overrides)
     assembly = assemble(scenario, SEED)
     with tempfile.TemporaryDirectory() as folder:
-        file, about = Path(folder) / "log.mcap", describe(name, scenario, SEED, assembly)
+        file = Path(folder) / "log.mcap"
+        about = describe(name, scenario, SEED, assembly)
         begin = time.process_time()
         if logged:
             with open_log(file, scenario, assembly, assembly.scenery, about) as log:
@@ -180,8 +185,10 @@ def loop_ratio(
     Everything alternates in one process; the fastest of the repeats counts. The loop is the slope
     between two straights, so that its set-up drops out.
     """
-    vehicle, spent = assemble(load("grass", ())[1], SEED).plant.vehicle, defaultdict(list)
-    simulated, size = {}, {}
+    vehicle = assemble(load("grass", ())[1], SEED).plant.vehicle
+    spent = defaultdict(list)
+    simulated = {}
+    size = {}
     for _ in range(repeats):
         spent["bare"].append(bare_step_s(blocks=blocks))
         for timestep_s in (0.002, 0.004):
@@ -190,7 +197,8 @@ def loop_ratio(
             taken, simulated[length], size[length] = _drive(length, logged)
             spent[logged, length].append(taken)
     least = {what: min(times) for what, times in spent.items()}
-    bare, (short, long) = least["bare"], lengths
+    bare = least["bare"]
+    short, long = lengths
     duration_s = simulated[long] - simulated[short]
     steps = duration_s / 0.002
     plain, logged = ((least[log, long] - least[log, short]) / steps for log in (False, True))
@@ -215,7 +223,8 @@ def effect_ratios(repeats: int = 6, blocks: int = 6) -> list[Figure]:
         plant = plants[name] = assemble(load("farm", (*BASE, *changes))[1], SEED).plant
         plant.reset(0.0, 0.0, 0.0, 1.5)
         plant.advance(Command(0.05, 0.0, 0.5), 1000)
-    starts, spent = {name: plant.snapshot() for name, plant in plants.items()}, defaultdict(list)
+    starts = {name: plant.snapshot() for name, plant in plants.items()}
+    spent = defaultdict(list)
     for _ in range(repeats):
         spent["bare"].append(bare_step_s())
         for (name, plant), _ in itertools.product(plants.items(), range(blocks)):
@@ -236,7 +245,8 @@ def calls_of_a_period(overrides: Sequence[str] = (), ticks: int = 40) -> dict[st
     """
     parts = {stage.__code__: stage.__name__ for stage in STAGES if isinstance(stage, FunctionType)}
     parts |= {Guidance.update.__code__: "update", Guidance.step.__code__: "step"}
-    counts, inside = Counter[str](), ["loop"]
+    counts = Counter[str]()
+    inside = ["loop"]
 
     def count(frame: FrameType, event: str, argument: object) -> None:
         if event == "call":
@@ -324,7 +334,8 @@ def _without_main() -> Iterator[None]:
 
 def _sweep(study: Study, workers: int, parent: Path) -> tuple[float, list[Row], float]:
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak [MB]."""
-    taken, folder = 0.0, None
+    taken = 0.0
+    folder = None
     with _without_main(), engine(workers) as cores:
         for seeds in (workers, study.seeds):
             plan = SweepPlan("benchmark", replace(study, seeds=seeds))
@@ -340,7 +351,8 @@ def _sweep(study: Study, workers: int, parent: Path) -> tuple[float, list[Row], 
 def sweeps(seeds: int = 4) -> list[Figure]:
     """Return speed, overhead and memory of workers."""
     axis = ListAxis(kind="list", key="controller", values=("ttempc-nominal", "paper"))
-    found, taken = [], {}
+    found = []
+    taken = {}
     with tempfile.TemporaryDirectory() as folder:
         for workers, timestep_s, least in ((1, 0.002, 150.0), (2, 0.002, 150.0), (2, 0.004, 250.0)):
             changes = {"path": {"laps": 1}, "plant": {"timestep_s": timestep_s}}

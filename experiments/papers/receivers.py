@@ -93,15 +93,19 @@ def read_drive(folder: Path) -> Drive:
     known = [np.interp(found[:, 0], truth[:, 0], truth[:, i]) for i in (2, 3, 11, 12)]
     heading = np.radians(np.interp(found[:, 0], truth[:, 0], np.unwrap(truth[:, 10], period=360)))
     east, north = east_north(found[:, 1:3], np.column_stack(known[:2])).T
-    sine, cosine = np.sin(heading), np.cos(heading)
+    sine = np.sin(heading)
+    cosine = np.cos(heading)
     error = np.column_stack([east * sine + north * cosine, east * cosine - north * sine])
-    time, speed, fixed = found[:, 0], np.hypot(*known[2:]), found[:, 4] == 1
+    time = found[:, 0]
+    speed = np.hypot(*known[2:])
+    fixed = found[:, 4] == 1
     step = np.diff(time, prepend=time[0])
     seen = found[:, 5] >= SATELLITES
     share = [fixed[np.abs(time - one) < HALF_WINDOW_S].mean() for one in time]
     correct = fixed & seen & (np.hypot(*error.T) < WRONG_M) & (speed > MOVING_MPS)
     # constant offsets of the map, and of the antenna from the reference's point
-    one, zero = np.ones_like(sine), np.zeros_like(sine)
+    one = np.ones_like(sine)
+    zero = np.zeros_like(sine)
     ahead, right = np.array([[sine, cosine, one, zero], [cosine, -sine, zero, one]])  # (4, n)
     chosen = np.hstack([ahead[:, correct], right[:, correct]]).T
     offset = np.linalg.lstsq(chosen, error[correct].T.ravel(), rcond=None)[0]
@@ -181,7 +185,8 @@ def rates(drive: Drive, own: Mask, fixed: bool) -> tuple[float, float]:
     step = np.diff(drive.time)
     used = own[:-1] & (step < GAP_S) & (drive.fixed[:-1] == fixed)
     left = drive.fixed[1:][used] != fixed
-    speed, step = drive.speed[:-1][used], step[used]
+    speed = drive.speed[:-1][used]
+    step = step[used]
     if not left.any():
         return 0.0, 0.0
 
@@ -202,7 +207,8 @@ def float_errors(drive: Drive, own: Mask) -> dict[str, Any]:
     lost = np.flatnonzero(drive.fixed[:-1] & ~drive.fixed[1:]) + 1
     last = lost[np.maximum(np.searchsorted(lost, np.arange(len(own)), side="right") - 1, 0)]
     since = drive.way - drive.way[last]
-    apart, record = [], []
+    apart = []
+    record = []
     for low, high in pairwise(SINCE_M):
         near = own & ~drive.fixed & (since >= low) & (since < high)
         if near.any():
@@ -224,7 +230,8 @@ def float_errors(drive: Drive, own: Mask) -> dict[str, Any]:
 
 def regime(drive: Drive, own: Mask) -> dict[str, Any]:
     """Return statistics and parameters of the epochs of a regime."""
-    fixed, wrong = drive.fixed, drive.wrong
+    fixed = drive.fixed
+    wrong = drive.wrong
     correct = own & fixed & ~wrong & (drive.speed > MOVING_MPS)
     follows = np.diff(drive.time, prepend=math.inf) < GAP_S
     three = correct[2:] & correct[1:-1] & correct[:-2] & follows[2:] & follows[1:-1]
@@ -261,7 +268,8 @@ def fitted(folder: Path) -> dict[str, Any]:
             f"{folder}: no {', '.join(missing)}; the folder is examples/data of "
             "github.com/taroz/MatRTKLIB (MIT licence)"
         )
-    drive, rest = read_drive(folder), at_rest(folder)
+    drive = read_drive(folder)
+    rest = at_rest(folder)
     masks = {
         name: (drive.share >= low) & (drive.share < high) for name, (low, high) in REGIMES.items()
     }

@@ -18,8 +18,6 @@ from .checks import Check, scenario_check, sweep_checks
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .runner import Runner
-
 Work = Callable[[SweepJob], Row]
 """Makes the row of a run in a worker."""
 
@@ -48,7 +46,7 @@ class Table:
     sweeps: tuple[str, ...] = ()  # shipped studies
     studies: Mapping[str, Study] = field(default_factory=dict)  # own studies, by name
     work: Work = run_job
-    make: Callable[[Runner], str | Block] | None = None
+    make: Callable[[Any], str | Block] | None = None  # of a `Runner`
     seeds: tuple[int, ...] = ()  # reported, where they are not those of all studies
     checks: tuple[tuple[str, ...], ...] = ()  # scenario, controller, overrides; sweeps have theirs
 

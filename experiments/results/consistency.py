@@ -78,7 +78,8 @@ def consistency(estimates: Sequence[Estimate], record: Record) -> Consistency:
         if abs(table.time_s[row[k]] - time_s[k]) <= _SAME_TIME_S
         and np.isfinite(estimates[k].state).all()
     ]
-    used, row = [estimates[k] for k in kept], row[kept]
+    used = [estimates[k] for k in kept]
+    row = row[kept]
     error = (
         np.reshape([item.state for item in used], (-1, len(State))) - table.columns(*_TRUTH)[row]
     )

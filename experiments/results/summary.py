@@ -347,7 +347,8 @@ def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
             tool and _error_statistics(tool.at(rows & np.isfinite(tool.along_m))),
         )
 
-    counts, curved = errors.counted, errors.curved
+    counts = errors.counted
+    curved = errors.curved
     return TrackingStatistics(over(counts & ~curved), over(counts & curved), over(counts))
 
 
@@ -359,7 +360,8 @@ def input_statistics(record: Record) -> InputsStatistics:
 
     def statistics(name: str) -> InputStatistics:
         command = table[f"{name}_command"]
-        low, high = table[f"{name}_min"] + _AT_BOUND, table[f"{name}_max"] - _AT_BOUND
+        low = table[f"{name}_min"] + _AT_BOUND
+        high = table[f"{name}_max"] - _AT_BOUND
         saturated = (command <= low) | (command >= high) | (table[f"{name}_limited"] > 0.5)
         steps = np.diff(command)
         travel = _number(np.abs(steps).sum() / driven_m) if driven_m else None
@@ -400,7 +402,8 @@ def _since_first(samples: FloatArray) -> FloatArray:
 
 
 def _timing(record: Record, duration_s: float, wall_s: float | None) -> TimingStatistics:
-    table, spreads = record[TIMING], {}
+    table = record[TIMING]
+    spreads = {}
     for name in table.channel.fields:
         known = table[name][np.isfinite(table[name])]  # a tick without a QP has no QP solve time
         spreads[name] = Spread(*(_percentile(known, percent) for percent in (50.0, 99.0, 100.0)))
@@ -507,7 +510,8 @@ def entry_statistics(record: Record, errors: TrackingErrors) -> EntryStatistics 
 
     def entry(error: BodyError) -> PointEntry:
         rows = (driven <= _ENTRY_M) & np.isfinite(error.cross_m)  # a raised tool has no error
-        cross, at = error.cross_m[rows], driven[rows]
+        cross = error.cross_m[rows]
+        at = driven[rows]
         if not cross.size:
             return PointEntry(None, None)
         farthest = int(np.abs(cross).argmax())

@@ -90,9 +90,11 @@ class Assembly:
         `record_hz` is how often it is told the truth, see `record_steps`; None: as `record_rate`.
         """
         self.plant.restore(self.start)
-        timestep, period_s = self.plant.timestep_s, self.guidance.period_s
+        timestep = self.plant.timestep_s
+        period_s = self.guidance.period_s
         record_hz = record_hz or record_rate(timestep, period_s)
-        rows, corridor = self._reference_rows(record_hz), self.reference.corridor
+        rows = self._reference_rows(record_hz)
+        corridor = self.reference.corridor
         distance, _, _ = self.reference.speed.travel(np.arange(len(rows)) / record_hz)
         return SimulationSetup(
             plant=self.plant,
@@ -134,7 +136,9 @@ class Assembly:
 
 def _reference_columns(sample: ReferenceSample) -> FloatArray:
     x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
-    trailer, hitch, hp = sample.trailer_xy, sample.hitch_angle, sample.inputs[:, Input.HP]
+    trailer = sample.trailer_xy
+    hitch = sample.hitch_angle
+    hp = sample.inputs[:, Input.HP]
     columns = (x, y, psi_t, trailer, psi_i, v, sample.curvature, hitch, delta_t, delta_i, hp)
     return np.column_stack(columns)
 
@@ -254,7 +258,8 @@ def check(scenario: Scenario) -> int:
     Nothing is drawn, compiled or solved for: there is neither a plant nor a controller.
     """
     plan = _plan(scenario, 0, lambda of, seed: replace(of.terrain, iso_class="flat").terrain(seed))
-    settings, vehicle = scenario.controller, plan.reference.vehicle
+    settings = scenario.controller
+    vehicle = plan.reference.vehicle
     check_drivable(plan.mission.path, vehicle)
     check_pace(plan.reference, scenario.control.period_s)
     named_factory(settings.name, settings.options)
@@ -274,9 +279,12 @@ def check(scenario: Scenario) -> int:
 
 def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int], Terrain]) -> _Plan:
     """Return reference and ground of a run: field and soil map cover the path, faults included."""
-    control, mission, vehicles = scenario.control, scenario.mission(), scenario.vehicles()
+    control = scenario.control
+    mission = scenario.mission()
+    vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
-    terrain, strength_map = make_terrain(scenario, seed), scenario.soil.strength_map()
+    terrain = make_terrain(scenario, seed)
+    strength_map = scenario.soil.strength_map()
     _check_covered(mission.path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
     if strength_map:
         _check_covered(mission.path, strength_map, "soil map", "soil.map")
@@ -287,7 +295,8 @@ def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int],
     record_rate(scenario.plant.timestep_s, control.period_s)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
     if scenario.implement:
-        law, speed = scenario.plant.wheel_law, mission.speed.top_speed
+        law = scenario.plant.wheel_law
+        speed = mission.speed.top_speed
         check_pull(law, scenario.implement, vehicles.plant, soil.background, speed)
     ticks = math.ceil(reference.duration_s / control.period_s - 1e-9)
     timetable = Timetable.of(scenario, vehicles.plant, reference, ticks, seed)
@@ -301,7 +310,8 @@ def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> V
             f"path.reverse: vehicle {scenario.plant.vehicle.file} drives forward only; its file "
             "must say hydrostat.reverse = true"
         )
-    model, tool = vehicles.model, scenario.implement
+    model = vehicles.model
+    tool = scenario.implement
     if tool is None:
         return replace(model, reverse=mission.reverse)
     b = tool.behind_m
@@ -317,7 +327,8 @@ def _guidance(
     kind: type[Guidance],
     adjust: Callable[[GuidanceSettings], GuidanceSettings],
 ) -> Guidance:
-    settings, vehicle = scenario.controller, plan.reference.vehicle
+    settings = scenario.controller
+    vehicle = plan.reference.vehicle
     estimator = partial(named_estimator, settings.estimator)
     true_state = settings.estimator == TRUTH
     if true_state:
@@ -340,8 +351,10 @@ def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:
     x, y, _ = path.pose(along).T
     beyond = np.flatnonzero(~grid.inside(x, y, EDGE_M))
     if len(beyond):
-        first, box = beyond[0], path.extent()
-        (left, low), (width, height) = grid.origin, grid.size_m
+        first = beyond[0]
+        box = path.extent()
+        left, low = grid.origin
+        width, height = grid.size_m
         raise InvalidScenario(
             f"path: leaves at s = {along[first]:.1f} m (x = {x[first]:.1f}, y = {y[first]:.1f} m), "
             f"reaches from ({box.x_min:.1f}, {box.y_min:.1f}) to "

@@ -62,7 +62,8 @@ class TerrainSettings:
 
     def terrain(self, seed: int) -> Terrain:
         """Return the ground of the run with this seed."""
-        size, spacing = (self.size_x_m, self.size_y_m), self.spacing_m
+        size = (self.size_x_m, self.size_y_m)
+        spacing = self.spacing_m
         if self.height_map:
             ground = Terrain.from_file(Path(self.height_map), spacing)
         elif self.iso_class == "flat":

@@ -314,7 +314,8 @@ class StartSettings:
 
     def pose(self, x: float, y: float, yaw: float) -> tuple[float, float, float]:
         """Return place [m] and heading [rad] for a path that begins at `x`, `y` with `yaw`."""
-        aside, turned = self.offset_m, yaw + math.radians(self.heading_deg)
+        aside = self.offset_m
+        turned = yaw + math.radians(self.heading_deg)
         return x - aside * math.sin(yaw), y + aside * math.cos(yaw), turned
 
 

@@ -139,7 +139,8 @@ class ScenarioFile:
         try:
             scenario = validated(Scenario, content, InvalidScenario, self.file.parent)
             scenario.kept_corridor()
-            plant, controller = scenario.plant, scenario.controller
+            plant = scenario.plant
+            controller = scenario.controller
             plant_vehicle, model_vehicle = fill_in(plant.vehicle, controller.vehicle)
             controller = controller.with_defaults()
         except (InvalidScenario, InvalidPlant, InvalidTuning) as error:
@@ -291,7 +292,8 @@ _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | N
 def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
     """Drop the file's values that belong to another selection than that of the changes."""
     for tables, key, default, dependent in _SELECTIONS:
-        below, above = _table(content, tables), _table(changes, tables)
+        below = _table(content, tables)
+        above = _table(changes, tables)
         if below is None or above is None:
             continue
         selected = below.get(key, default)

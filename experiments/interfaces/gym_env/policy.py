@@ -86,7 +86,8 @@ class EstimateObserver:
     def observe(self, estimate: Estimate, k: int, sent: FloatArray) -> NDArray[np.float32]:
         """Return the observation at tick `k` after the command `sent` (3,), (n,)."""
         k = min(k, self._last)
-        error, state = estimated_error(estimate, self._grid, k), estimate.state[State.DELTA_T :]
+        error = estimated_error(estimate, self._grid, k)
+        state = estimate.state[State.DELTA_T :]
         hitch = [estimate.hitch_angle]
         reference = self._entries[k]
         entries = np.concatenate([error, state, hitch, estimate.disturbance, reference, sent])
@@ -134,7 +135,9 @@ class _Within(TrackingController):
 
     def __init__(self, inner: TrackingController, added: Residual) -> None:
         vars(self).update(vars(inner))
-        self._inner, self._added, self._last = inner, added, np.zeros(len(Input))
+        self._inner = inner
+        self._added = added
+        self._last = np.zeros(len(Input))
 
     def warm_up(self) -> None:
         """Warm the other controller up; nothing is asked for an action."""
@@ -162,7 +165,10 @@ class _Around(Controller):
     def __init__(
         self, inner: Controller, added: Residual, limits: CommandLimits, sent: FloatArray
     ) -> None:
-        self._inner, self._added, self._limits, self._sent = inner, added, limits, sent
+        self._inner = inner
+        self._added = added
+        self._limits = limits
+        self._sent = sent
         self.space_based = inner.space_based
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:

@@ -119,7 +119,8 @@ def controllers(rows: pd.DataFrame) -> str:
     for name in comparison.controllers:
         ratio, fields = comparison.over_fields(name)
         verdicts = [comparison.verdict(field, name) for field in comparison.fields]
-        own, cost = rows[rows["controller"] == name], medians[name][_STEP]
+        own = rows[rows["controller"] == name]
+        cost = medians[name][_STEP]
         lines.append(
             (
                 f"`{name}`",
@@ -161,7 +162,8 @@ SWEEPS: Final = ("terrain-slip", "delay", "noise", "speed-radius", "mismatch")
 
 def side_by_side(rows: pd.DataFrame) -> str:
     """Return the errors of all sweeps, with the paired differences of the rivals."""
-    lines, shown = [], [DEFAULT, *(name for name in rows["controller"].unique() if name != DEFAULT)]
+    lines = []
+    shown = [DEFAULT, *(name for name in rows["controller"].unique() if name != DEFAULT)]
     for name, own in rows.groupby("study", sort=False):
         _, study = load_study(str(name))
         drawn = any(isinstance(axis, DrawnAxis) for axis in study.axis)

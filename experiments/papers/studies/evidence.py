@@ -274,7 +274,8 @@ def pass_to_pass() -> list[float]:
     hard = (*settings(tool=False, cone_index=2000.0), 'terrain.iso_class="A"')
     one, other = (record[STATE] for record in _passes(2.5, *hard, seeds=SEEDS[:2]))
     counted = one.time_s >= START_UP_S
-    x, y = one["x_t_m"][counted], one["y_t_m"][counted]
+    x = one["x_t_m"][counted]
+    y = one["y_t_m"][counted]
     apart = np.abs(y - np.interp(x, other["x_t_m"], other["y_t_m"]))
     return [100.0 * float(np.percentile(apart, 95.0))]
 

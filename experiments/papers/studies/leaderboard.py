@@ -125,7 +125,8 @@ def make_power(runner: Runner) -> Block:
     """Return what the trials tell apart, and the verdicts of two sets of seeds."""
     sets = {seeds: _serious(runner, seeds) for seeds in (PUBLIC, tuple(CHECKS))}
     first, second = sets.values()
-    numbers, shares = pair_numbers(first), variance_shares(first)
+    numbers = pair_numbers(first)
+    shares = variance_shares(first)
     lines = [
         (
             name,
@@ -228,10 +229,12 @@ def _beside(first: ScoreCard, other: ScoreCard) -> str:
 
 def leaderboard(cards: Sequence[ScoreCard]) -> str:
     """Return the cards of one identifier as Markdown tables, the least cost first."""
-    first, ordered = cards[0], sorted(cards, key=lambda card: card.score.cost_m.value)
+    first = cards[0]
+    ordered = sorted(cards, key=lambda card: card.score.cost_m.value)
     names = [*trial_files()]
     holds = rank_shares(ordered)
-    lines, by_trial = [], []
+    lines = []
+    by_trial = []
     for card, held in zip(ordered, holds, strict=True):
         item = card.score
         outside = [t.outside for t in item.trials.values() if t.outside is not None]

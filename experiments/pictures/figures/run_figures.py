@@ -55,7 +55,9 @@ from .style import (
 _TIME_OF_ERRORS: Final = "time [s] (hatched: not counted; shaded: curves)"
 LENGTH: Final = "length of the path [m] (hatched: not counted; shaded: curves)"
 
-_FLATTEST, _TALLEST = 0.3, 0.8  # height of the whole path over its width, for lines and squares
+# Height of the whole path over its width, for lines and squares.
+_FLATTEST = 0.3
+_TALLEST = 0.8
 _TEXT_IN: Final = 1.0  # height of all labels, titles and the legend
 
 INPUTS: Final = (  # field, label, factor from the field's unit to the label's
@@ -166,7 +168,8 @@ def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
 
 def cross_track_figure(record: Record) -> Figure:
     """Return the errors to the left of the reference over the tractor's arc length of it."""
-    errors, length_m = tracking_errors(record), path_length(record)
+    errors = tracking_errors(record)
+    length_m = path_length(record)
     figure, (axes,) = stacked(1, 2.6)
     shade_errors(axes, length_m, errors)
     for body, error in errors.by_point.items():
@@ -190,7 +193,8 @@ def corridor_figure(record: Record) -> Figure:
     table = record[CORRIDOR]
     points = [name for name in BODY_COLOURS if np.isfinite(table[f"{name}_m"]).any()]
     figure, rows = stacked(len(points), 1.8, share_y=True)
-    hatched, width = ~counted(record, table.time_s), table["half_width_m"]
+    hatched = ~counted(record, table.time_s)
+    width = table["half_width_m"]
     for axes, name in zip(rows, points, strict=True):
         shade(axes, table.time_s, hatched, hatch="////")
         _draw_offset(axes, table.time_s, table[f"{name}_m"], width, name, "corridor")
@@ -202,7 +206,9 @@ def corridor_figure(record: Record) -> Figure:
 def tube_figure(record: Record) -> Figure:
     """Return the cross-track deviation of both true axle points, and their margin in the tube."""
     contained = containment(record)
-    time_s, margin, width = contained.time_s, contained.margin, contained.half_width
+    time_s = contained.time_s
+    margin = contained.margin
+    width = contained.half_width
     figure, rows = stacked(3, 1.8)
     for axes in rows:
         shade(axes, time_s, contained.curved)
@@ -287,7 +293,8 @@ def tyres_figure(record: Record) -> Figure:
 
     Lines are means over a second.
     """
-    table, errors = record[TYRES], tracking_errors(record)
+    table = record[TYRES]
+    errors = tracking_errors(record)
     starts = np.flatnonzero(np.diff(np.floor(table.time_s / _WINDOW_S), prepend=-1.0))
     counts = np.diff(np.append(starts, len(table)))
     time_s = np.add.reduceat(table.time_s, starts) / counts
@@ -338,7 +345,8 @@ def histogram(axes: Axes, cost_us: FloatArray, empty: str = "not recorded") -> N
         note(axes, 0.5, 0.5, text, ha="center", color=GREY)
         axes.set(xticks=[], yticks=[])
         return
-    low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
+    low = 0.9 * cost_us.min()
+    high = 1.1 * cost_us.max()
     axes.set_xscale("log")
     axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 100.0 * low else (1.0,)))

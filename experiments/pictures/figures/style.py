@@ -81,7 +81,8 @@ def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
 
 def _characters(axes: Axes, per_in: float = _CHARACTERS_PER_IN) -> int:
     """Return the number of characters that fit beside each other on the axes, at least 12."""
-    place, share = axes.get_subplotspec(), 1.0
+    place = axes.get_subplotspec()
+    share = 1.0
     if place is not None:
         share = len(place.colspan) / place.get_gridspec().ncols
     return max(12, int(per_in * share * axes.figure.bbox.width / axes.figure.dpi))

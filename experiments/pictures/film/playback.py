@@ -122,7 +122,8 @@ class Playback:
         from its axle point to the reference of that point. They keep the tilt that they have.
         """
         xyz, quat = self.poses(time_s)
-        placed, turned = xyz.copy(), quat.copy()
+        placed = xyz.copy()
+        turned = quat.copy()
         terrain = self.ground.terrain
         due = self.positions(REFERENCE, time_s)
         for (point, letter), (x, y) in zip(BODIES.items(), due, strict=True):
@@ -201,7 +202,8 @@ def read_playback(file: Path) -> Playback:
             f"{file}: is torn ({content.salvage}); first: ttempc log check {file} -o NEW.mcap"
         )
     record = record_of(content, (*_CHANNELS, TOOL))
-    motion, path = motion_of(content), lines_of(content, REFERENCE_PATH_TOPIC)
+    motion = motion_of(content)
+    path = lines_of(content, REFERENCE_PATH_TOPIC)
     empty = [channel.topic for channel in _CHANNELS if len(record[channel]) < 2]
     if empty or not path or len(motion.time_s) < 2:
         raise InvalidFilm(f"{file}: is too short for a picture: {', '.join(empty)}")

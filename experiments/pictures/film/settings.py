@@ -35,7 +35,9 @@ class FilmSettings:
     def __post_init__(self) -> None:
         if self.camera not in CAMERAS:
             raise InvalidFilm(f"--camera: got {self.camera!r}, allowed are {', '.join(CAMERAS)}")
-        (width, height), (low_w, low_h), (high_w, high_h) = self.pixels, MIN_SIZE, _MAX_SIZE
+        width, height = self.pixels
+        low_w, low_h = MIN_SIZE
+        high_w, high_h = _MAX_SIZE
         if width % 2 or height % 2 or not (low_w <= width <= high_w and low_h <= height <= high_h):
             raise InvalidFilm(
                 f"--size: got {width}x{height}, must be even and from {low_w}x{low_h} to "

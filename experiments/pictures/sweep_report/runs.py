@@ -178,7 +178,8 @@ def differences(sweep: Sweep, against: str) -> pd.DataFrame:
     both have an error; `difference`, their mean difference [cm]; `alone`, `other`: numbers of runs
     of which it alone failed, or the counterpart alone.
     """
-    rows, keys = sweep.rows, ["point", "seed"]
+    rows = sweep.rows
+    keys = ["point", "seed"]
     counterpart = rows[rows["controller"] == against][[*keys, "error_cm", "failed"]]
     pairs = rows[rows["controller"] != against].merge(counterpart, on=keys, suffixes=("", "_other"))
     pairs["error_cm"] -= pairs["error_cm_other"]
@@ -278,7 +279,8 @@ def _origin(file: Path) -> dict[str, Any]:
 
 def _checked(file: Path, study: Study, planned: int) -> Iterator[Row]:
     """Yield the shown columns of the rows of a file, each row checked."""
-    names, known = dict.fromkeys(("run", *_TEXTS, *study.names, *_NUMBERS)), set()
+    names = dict.fromkeys(("run", *_TEXTS, *study.names, *_NUMBERS))
+    known = set()
     try:
         for row in rows(file):
             shown = {name: row[name] for name in names}
@@ -289,5 +291,6 @@ def _checked(file: Path, study: Study, planned: int) -> Iterator[Row]:
             known.add(row["run"])
             yield shown
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        line, reason = len(known) + 1, str(error).partition("\n")[0]
+        line = len(known) + 1
+        reason = str(error).partition("\n")[0]
         raise InvalidRows(f"{file}: line {line} is no row of this study: {reason}") from None

@@ -86,7 +86,8 @@ def read_question(
     """
     parameter, _ = read_quantity(word)
     width = parameter.tolerance or (parameter.high - parameter.low) / 40.0
-    controller, name = draft.scenario(settings, "--set").controller.name, word.partition("=")[0]
+    controller = draft.scenario(settings, "--set").controller.name
+    name = word.partition("=")[0]
     question = Question(
         scenario, controller, name, parameter, width, limit_m, seeds, settings=settings
     )

@@ -214,7 +214,8 @@ def _nominal(parameter: Parameter, scenario: Scenario, name: str) -> float:
     Raises:
         InvalidStudy: it is no number between the bounds.
     """
-    low, high = parameter.low, parameter.high
+    low = parameter.low
+    high = parameter.high
     value = scenario_value(scenario, parameter.keys[0], name)
     if value in parameter.names:
         value = parameter.names.index(str(value))
@@ -243,7 +244,8 @@ def read_quantity(word: str, more: tuple[str, ...] = ()) -> tuple[Parameter, boo
         )
     low_text, _, high_text = text.removesuffix(f":{_FREE}").partition(":")
     try:
-        low, high = float(low_text), float(high_text)
+        low = float(low_text)
+        high = float(high_text)
     except ValueError:
         low = high = math.nan
     if not (math.isfinite(high - low) and low < high):

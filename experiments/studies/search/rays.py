@@ -90,7 +90,8 @@ def ends(space: Space, count: int, seed: int) -> FloatArray:
     """Return the far ends of rays (count, n), where a counted quantity meets its bound."""
     rng = generator(seed, "rays")
     found = qmc.LatinHypercube(len(space.parameters), rng=rng).random(count)
-    counted, nominal = space.counted > 0.0, space.nominal
+    counted = space.counted > 0.0
+    nominal = space.nominal
     way = np.where(counted, found - nominal, 0.0)
     room = np.where(way > 0.0, 1.0 - nominal, nominal)
     share = np.abs(way) / np.where(counted, room, 1.0)
@@ -182,7 +183,8 @@ def search_rays(
         SweepStopped: the nominal run fails or raised an error.
     """
     space = subject.space
-    far, step = ends(space, count, seed), 0
+    far = ends(space, count, seed)
+    step = 0
 
     def at(ray: int, severity: float) -> FloatArray:
         share = np.where(space.counted > 0.0, severity, 1.0)

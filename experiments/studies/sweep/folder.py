@@ -40,7 +40,8 @@ class Origin:
     @classmethod
     def here(cls, plan: str, runs: int, refused: int = 0, study: str = "") -> Origin:
         """Return the origin of rows that this process makes."""
-        machine, cpus = platform.platform(), os.cpu_count() or 1
+        machine = platform.platform()
+        cpus = os.cpu_count() or 1
         return cls(plan, runs, code_digest(), versions(), machine, cpus, refused, study)
 
     def dump(self) -> str:
@@ -111,7 +112,8 @@ def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
         lock.truncate(0)
         lock.write(str(os.getpid()))
         lock.flush()
-        digest, refused = plan.extent().digest, plan.size - plan.run_count
+        digest = plan.extent().digest
+        refused = plan.size - plan.run_count
         origin = Origin.here(digest, plan.size, refused, plan.name)
         if is_begun(path):
             origin = _resumed(path, plan, origin)

@@ -79,7 +79,9 @@ class SweepPlan:
     """
 
     def __init__(self, name: str, study: Study, *, trusted: bool = True) -> None:
-        self.name, self.study, self._trusted = name, study, trusted
+        self.name = name
+        self.study = study
+        self._trusted = trusted
         factors = dimensions(study)
         self._shared = [factor for factor in factors if not factor.selects_controller]
         self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
@@ -160,7 +162,8 @@ class SweepPlan:
 
     @functools.cached_property
     def _survey(self) -> tuple[PlanExtent, Mapping[tuple[int, int], InvalidStudy]]:
-        digest, simulated = hashlib.sha256(), 0.0
+        digest = hashlib.sha256()
+        simulated = 0.0
         accepted: dict[int, str] = {}  # names of the controllers
         refusals: dict[tuple[int, int], InvalidStudy] = {}
         for place in itertools.product(range(self.points), range(self.controller_count)):

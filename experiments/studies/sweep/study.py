@@ -291,7 +291,8 @@ def draw(axes: Sequence[DrawnAxis], samples: int, seed: int) -> FloatArray:
     cube = sampler.random(samples)
     columns = []
     for axis in axes:
-        low, high = axis.low, axis.high
+        low = axis.low
+        high = axis.high
         if axis.label in joint:
             probability = cube[:, joint.index(axis.label)]
         else:

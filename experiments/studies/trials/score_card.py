@@ -367,7 +367,8 @@ def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
     ):
         if one != other:
             raise InvalidScoreCard(f"bench --compare: {what} {one} and {other}: must be the same")
-    before, after = costs(first.trials), costs(second.trials)
+    before = costs(first.trials)
+    after = costs(second.trials)
     count = len(first.trials)
 
     def of(means: FloatArray) -> FloatArray:
@@ -378,7 +379,8 @@ def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
     )
     trials = {}
     for k, name in enumerate(first.trials):
-        one, other = first.score.trials[name], second.score.trials[name]
+        one = first.score.trials[name]
+        other = second.score.trials[name]
         trials[name] = {
             "first_m": one.cost_m.value,
             "second_m": other.cost_m.value,
