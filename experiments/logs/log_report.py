@@ -17,7 +17,7 @@ from ..run.run_log import BEGINS, ENDS, versions_of
 from ..scenario.scenario import ScenarioFile, identity
 
 _SCENARIO: Final = "scenario.toml"
-_SAID_ELSEWHERE: Final = (BEGINS, ENDS)  # on the page
+_SAID_ELSEWHERE: Final = (BEGINS, ENDS)  # the page has its own lines of start and end
 _STATUS: Final = re.compile(rf"{ENDS}(completed|stopped|lost|invalid) after")
 
 

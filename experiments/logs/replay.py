@@ -114,7 +114,7 @@ def replay(record: Record, estimator: Estimator) -> list[Estimate]:
 
 
 def same_as_recorded(estimates: Sequence[Estimate], record: Record) -> bool:
-    """Return whether estimates are those of the record, bit for bit."""
+    """Return whether estimates equal the record's, bit for bit."""
     again = np.array([estimate_row(record_of_estimate(estimate)) for estimate in estimates])
     return np.array_equal(again, record[ESTIMATE].values, equal_nan=True)
 

@@ -323,7 +323,7 @@ def start_up(repeats: int = 5) -> list[Figure]:
 
 @contextlib.contextmanager
 def _without_main() -> Iterator[None]:
-    """Hide the main module of this process: workers load what those of `ttempc sweep` do."""
+    """Hide the main module of this process: workers load what workers of `ttempc sweep` load."""
     kept = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:

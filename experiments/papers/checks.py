@@ -129,7 +129,7 @@ class Making(NamedTuple):
     """Circumstances under which a table was made."""
 
     versions: Mapping[str, str]  # of project and packages
-    checks: Mapping[str, Fingerprint]  # by name
+    checks: Mapping[str, Fingerprint]  # by the name of the check
 
 
 def read_ledger(out: Path = ROOT) -> dict[str, Making]:

@@ -41,7 +41,7 @@ REGIMES: Final = {"open-sky": (0.99, 1.01), "wood": (0.5, 0.99), "street": (0.1,
 """Share of fixed epochs in the 20 s around an epoch. Below a tenth nothing guides a machine."""
 HALF_WINDOW_S: Final = 10.0
 LAGS_M: Final = ((0.2, 1.0), (1.0, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 25.0), (25.0, 50.0))
-LAGS_S: Final = (1, 2, 5, 10, 20, 30, 60)  # at rest
+LAGS_S: Final = (1, 2, 5, 10, 20, 30, 60)  # lags of the receiver at rest [s]
 SINCE_M: Final = (0.0, 0.01, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # travelled since the fix was lost
 GAP_S: Final = 0.25  # epochs farther apart do not follow each other
 AXIS: Final = 68.27  # percentile of an absolute normal variable at its standard deviation
@@ -54,7 +54,7 @@ class Drive(NamedTuple):
 
     time: FloatArray  # [s]
     speed: FloatArray  # [m/s]
-    way: FloatArray  # [m] travelled
+    distance: FloatArray  # [m] travelled
     error: FloatArray  # (n, 2) [m] less constant offsets of map and mounting
     fixed: Mask
     share: FloatArray  # of fixed epochs around
@@ -110,9 +110,9 @@ def read_drive(folder: Path) -> Drive:
     chosen = np.hstack([ahead[:, correct], right[:, correct]]).T
     offset = np.linalg.lstsq(chosen, error[correct].T.ravel(), rcond=None)[0]
     error = error - np.column_stack([offset @ ahead, offset @ right])
-    way = np.cumsum(speed * step)
+    distance = np.cumsum(speed * step)
     return Drive(
-        time[seen], speed[seen], way[seen], error[seen], fixed[seen], np.array(share)[seen]
+        time[seen], speed[seen], distance[seen], error[seen], fixed[seen], np.array(share)[seen]
     )
 
 
@@ -141,7 +141,7 @@ def at_rest(folder: Path) -> dict[str, Any]:
 
 
 def correlation(drive: Drive, chosen: list[Mask], time_s: float) -> dict[str, Any]:
-    """Return the autocorrelation of correct fixes in motion over the way, and the fitted length.
+    """Return the autocorrelation of correct fixes in motion, and the fitted length.
 
     Errors are those about the mean of their group of epochs. The white share and the
     length of a second-order Gauss-Markov process fit the record at its mean lags. So does the
@@ -152,7 +152,7 @@ def correlation(drive: Drive, chosen: list[Mask], time_s: float) -> dict[str, An
         products = []
         for own in chosen:
             error = drive.error[own] - drive.error[own].mean(axis=0)
-            apart, later = (x[own] - x[own][:, None] for x in (drive.way, drive.time))
+            apart, later = (x[own] - x[own][:, None] for x in (drive.distance, drive.time))
             near = (apart >= low) & (apart < high) & (later < 30.0)
             one, other = np.nonzero(near)
             both = (error[one] * error[other]).sum(axis=1)
@@ -199,14 +199,14 @@ def rates(drive: Drive, own: Mask, fixed: bool) -> tuple[float, float]:
 
 
 def float_errors(drive: Drive, own: Mask) -> dict[str, Any]:
-    """Return deviations of an axis of float solutions over the way since the fix was lost.
+    """Return deviations of an axis of float solutions over the distance since the fix was lost.
 
     The deviation of a process that starts with one value and tends to another is fitted to them:
     s^2 = first^2 e + float^2 (1 - e), e = exp(-2 ds / length).
     """
     lost = np.flatnonzero(drive.fixed[:-1] & ~drive.fixed[1:]) + 1
     last = lost[np.maximum(np.searchsorted(lost, np.arange(len(own)), side="right") - 1, 0)]
-    since = drive.way - drive.way[last]
+    since = drive.distance - drive.distance[last]
     apart = []
     record = []
     for low, high in pairwise(SINCE_M):
@@ -214,10 +214,10 @@ def float_errors(drive: Drive, own: Mask) -> dict[str, Any]:
         if near.any():
             apart.append(float(since[near].mean()))
             record.append(float(np.percentile(np.abs(drive.error[near]), AXIS)))
-    way = np.array(apart)
+    distance = np.array(apart)
 
     def model(p: FloatArray) -> FloatArray:
-        kept = np.exp(-2.0 * way / p[2])
+        kept = np.exp(-2.0 * distance / p[2])
         return 0.5 * np.log(p[0] ** 2 * kept + p[1] ** 2 * (1.0 - kept))
 
     fit = least_squares(

@@ -26,7 +26,7 @@ Work = Callable[[SweepJob], Row]
 class Block:
     """Text of a table, and files beside its page."""
 
-    text: str  # Markdown
+    text: str  # in Markdown, without the markers
     files: Mapping[str, bytes] = field(default_factory=dict)  # by path relative to the page
     footer: str = ""  # instead of the line of seeds and versions
 
@@ -43,10 +43,10 @@ class Table:
 
     name: str
     text: Callable[[pd.DataFrame], str | Block] | None = None
-    sweeps: tuple[str, ...] = ()  # shipped studies
+    sweeps: tuple[str, ...] = ()  # names of shipped studies
     studies: Mapping[str, Study] = field(default_factory=dict)  # own studies, by name
     work: Work = run_job
-    make: Callable[[Any], str | Block] | None = None  # of a `Runner`
+    make: Callable[[Any], str | Block] | None = None  # takes a `Runner`
     seeds: tuple[int, ...] = ()  # reported, where they are not those of all studies
     checks: tuple[tuple[str, ...], ...] = ()  # scenario, controller, overrides; sweeps have theirs
 

@@ -31,12 +31,12 @@ class StateConsistency:
 
 @dataclass(frozen=True, slots=True)
 class SensorConsistency:
-    """Innovations of one sensor; those of a true model are white with covariance 1."""
+    """Innovations of one sensor; with a true model they are white with covariance 1."""
 
     name: str
     samples: int
     entries: int  # of all samples together
-    rejected: int  # by the gate
+    rejected: int  # samples that the innovation gate rejected
     nis: float  # mean normalised innovation squared per entry
     autocorrelation: float  # of the whitened innovations, from one sample to the next
     log_likelihood: float  # of all samples, rejected ones included
@@ -138,7 +138,7 @@ def _sensors(estimates: Sequence[Estimate]) -> tuple[SensorConsistency, ...]:
 
 
 def _sensor(name: str, items: Sequence[Innovation]) -> SensorConsistency:
-    """Return the figures of one sensor; its log-likelihood is that of Gaussian innovations."""
+    """Return the figures of one sensor; the log-likelihood is for Gaussian innovations."""
     whitened = np.array([item.whitened for item in items])  # (n, m)
     determinants = np.array([item.log_determinant for item in items])
     power = float(np.sum(whitened**2))

@@ -94,7 +94,7 @@ def read_compared(logs: Sequence[Path], labels: Sequence[str] = ()) -> list[Comp
 
 
 def format_comparison(runs: Sequence[ComparedRun]) -> str:
-    """Return the errors of all runs as text, in centimetres, those of the working point first."""
+    """Return the errors of all runs as text, in centimetres, the working point first."""
     width = max(len(run.label) for run in runs) + 2
     blocks = [f"Cross-track error [cm], {START_UP_S:g} to {runs[0].end_s:.1f} s"]
     points = [run.statistics.all.by_point for run in runs]

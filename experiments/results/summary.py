@@ -144,7 +144,7 @@ class TimingStatistics:
 class SolverStatistics:
     """Ticks of a controller that solves a QP, and how they were answered."""
 
-    ticks: int  # with a QP
+    ticks: int  # control ticks in which a QP was solved
     needed_solver: int  # with an active bound; the others are answered in closed form
     soft: int  # of which a soft bound was active
     rejected: int  # without an accepted solution
@@ -217,14 +217,14 @@ class TubeStatistics:
 
     contained_fraction: float | None  # of the control ticks
     margin_min: float | None
-    half_width_max_m: TubeHalfWidths | None  # across the path
+    half_width_max_m: TubeHalfWidths | None  # largest half widths across the path [m]
 
 
 @dataclass(frozen=True, slots=True)
 class OutsideStatistics:
     """Departure of one true point from the corridor after start-up, where the corridor holds."""
 
-    outside_fraction: float | None  # of the time
+    outside_fraction: float | None  # share of the time outside the corridor
     max_m: float | None  # largest distance from the path
 
 
@@ -355,8 +355,8 @@ def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
 def input_statistics(record: Record) -> InputsStatistics:
     """Return saturation, rate and travel of the commands of a whole run."""
     table = record[CONTROL]
-    way = np.diff(record[STATE].columns(*position_fields("tractor")), axis=0)
-    driven_m = float(np.hypot(*way.T).sum())
+    steps = np.diff(record[STATE].columns(*position_fields("tractor")), axis=0)
+    driven_m = float(np.hypot(*steps.T).sum())
 
     def statistics(name: str) -> InputStatistics:
         command = table[f"{name}_command"]
@@ -505,8 +505,8 @@ def entry_statistics(record: Record, errors: TrackingErrors) -> EntryStatistics 
     turned = math.remainder(turned, 2.0 * math.pi)
     if abs(errors.tractor.cross_m[0]) <= ENTERED_M and abs(turned) < _TURNED:
         return None
-    way = np.diff(record[STATE].columns(*position_fields("tractor"))[state], axis=0)
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*way.T))])
+    steps = np.diff(record[STATE].columns(*position_fields("tractor"))[state], axis=0)
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
 
     def entry(error: BodyError) -> PointEntry:
         rows = (driven <= _ENTRY_M) & np.isfinite(error.cross_m)  # a raised tool has no error

@@ -147,7 +147,7 @@ def _reference_columns(sample: ReferenceSample) -> FloatArray:
 class _Plan:
     mission: Mission
     vehicles: Vehicles
-    reference: Reference  # of the model
+    reference: Reference  # with the lengths of the controller's model
     terrain: Terrain
     soil: SoilMap
     timetable: Timetable

@@ -25,7 +25,7 @@ from ...testbed.vehicle.vehicle import PlantVehicle
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import Scenario
 
-_SAME_TIME: Final = 1e-9  # in control periods
+_SAME_TIME: Final = 1e-9  # times closer than this share of a control period are one
 
 
 @dataclass(frozen=True)

@@ -214,7 +214,7 @@ def source_digest(factory: Callable[..., object]) -> str:
 
 @cache
 def _source(kind: Any) -> bytes | None:  # noqa: ANN401 - a function or a class
-    """Return the source of a definition as it was when first asked for: that of the loaded code."""
+    """Return the source of a definition as it was when first asked for: of the loaded code."""
     try:
         file = inspect.getsourcefile(kind)
         if file and Path(file).is_file():

@@ -229,7 +229,7 @@ def _from_here(content: Any) -> Any:  # noqa: ANN401 - any TOML value
 
 
 def merge_tables(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Replace values of nested tables in place by those of other tables.
+    """Replace values of nested tables in place by the values of other tables.
 
     A table with the key of a list holds changes of its tables by their numbers or names, see
     `list_index`.
@@ -290,7 +290,7 @@ _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | N
 
 
 def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Drop the file's values that belong to another selection than that of the changes."""
+    """Drop the file's values that belong to another selection than the changes do."""
     for tables, key, default, dependent in _SELECTIONS:
         below = _table(content, tables)
         above = _table(changes, tables)

@@ -35,7 +35,7 @@ class Parameter(NamedTuple):
     """Where a parameter of a scenario stands in a vehicle file and in `ttempc.vehicle.Vehicle`."""
 
     table: str  # of the vehicle file
-    key: str  # of that table
+    key: str  # key in the table of the scenario file
     field: str = ""  # of `Vehicle`, in SI units and radians; "": the model has none
 
     def of(self, vehicle: PlantVehicle) -> float:
@@ -96,7 +96,7 @@ class PlantVehicleSettings:
     """Other numbers of the plant that differ from the vehicle file, by its tables and keys."""
 
     def plant_vehicle(self, nominal: PlantVehicle) -> PlantVehicle:
-        """Return the vehicle of the plant, given that of the file."""
+        """Return the vehicle of the plant, given the vehicle of the file."""
         content = asdict(nominal)
         for key, value in _given(self).items():
             content[PARAMETERS[key].table][PARAMETERS[key].key] = value

@@ -78,7 +78,7 @@ def climbing(machine: Machine) -> list[float]:
         plant.reset(0.0, 0.0, yaw, 1.0)
         plant.advance(bench.command(1.0), steps(plant, 4.0))
         loads = column(drive(plant, bench.command(1.0), 1.0, _EVERY_S), "wheels.load")
-        figures.append(1e-3 * float(loads[:, _AXLES[0]].sum(axis=1).mean()))
+        figures.append(1e-3 * float(loads[:, _FRONT].sum(axis=1).mean()))
     return figures
 
 

@@ -42,7 +42,7 @@ EFFORT: Final = 0.1
 """Cost where all commands change as fast as the vehicle allows; assumed: as an error of 3 cm."""
 
 LARGEST_COST: Final = 100.0
-"""Of a period: that of 1 m; assumed."""
+"""Of a period: as large as that of an error of 1 m; assumed."""
 
 _LEFT_OUT: Final = (prepare, log_truth, log_timing)  # of real time and the log
 _SEEDS: Final = 2**32  # as of `ttempc run --seed`
@@ -72,7 +72,7 @@ def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int
 
 
 class FieldTrial(gymnasium.Env[Entries, Entries]):
-    """A run of a scenario; `reset(seed=N)` starts that of `ttempc run --seed N`.
+    """A run of a scenario; `reset(seed=N)` starts the run of `ttempc run --seed N`.
 
     Estimator and supervisor of the run stay in place; the action replaces the
     command of the controller, or is added to it. `observation_names` has the entries of what a
@@ -292,7 +292,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
     def _controller(
         self, vehicle: Vehicle, reference: Reference, period_s: float, **options: object
     ) -> Controller:
-        """Return the controller that takes the actions; `options` are those of the scenario's."""
+        """Return the controller that takes the actions; `options` are the scenario's."""
         del options
         if not self._residual:
             return _Actions(self)

@@ -57,7 +57,7 @@ _BOUNDS: Final = {
     "rad": (2.0 * math.pi, math.pi),
     "mps": (20.0, 5.0),
     "mps2": (20.0, 1.0),
-    "e_m": (1e4, 2.0),  # an error
+    "e_m": (1e4, 2.0),  # scale of an error
 }
 _NO_UNIT: Final = (10.0, 1.0)
 
@@ -107,7 +107,7 @@ def half_range(limits: CommandLimits) -> FloatArray:
 def add_residual(
     inner: HasStep, residual: Residual, share: float, reference: Reference, period_s: float
 ) -> Controller:
-    """Return a controller that adds a share of the commands' range to those of another one.
+    """Return a controller that adds a share of the range to the commands of another one.
 
     An action of 0 leaves every bit of the other's commands.
 

@@ -23,7 +23,7 @@ from ..runner import Runner
 from ..table import Block, Table
 from .evidence import constants
 
-_FILE: Final = "generated/closed-forms.md"  # beside the page
+_FILE: Final = "generated/closed-forms.md"  # path relative to the page
 
 MANOEUVRES: Final = {
     each.__name__: each

@@ -57,7 +57,7 @@ class Comparison:
 
     @cached_property
     def log_ratio(self) -> pd.DataFrame:
-        """Logarithm of each error over that of the default controller, as `column`.
+        """Logarithm of each error over the default controller's, as `column`.
 
         Without the fields of a controller on which one of the two lost a run: a mean over the seeds
         that were easy enough would favour the weaker controller.
@@ -68,7 +68,7 @@ class Comparison:
 
     @cached_property
     def ratios(self) -> dict[tuple[str, str], tuple[IntervalEstimate, float]]:
-        """Error over that of the default one by field and rival, and its p-value.
+        """Error over the default controller's by field and rival, and its p-value.
 
         The ratio is the geometric mean over seeds; p of no difference is adjusted after Holm for
         all comparisons, NaN for a single seed.

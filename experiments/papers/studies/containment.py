@@ -36,7 +36,7 @@ LARGEST: Final = tuple(f"largest_{field.name}" for field in fields(PointHalfWidt
 LAPS: Final = 12  # fresh ones, of each field
 FIT_SEEDS: Final = FITTING[:12]
 CALIBRATION_SEEDS: Final = FITTING[12:36]
-COVERAGE: Final = 0.95  # of the calibration
+COVERAGE: Final = 0.95  # coverage that the calibration promises
 BORROWED: Final = "grass-soil"  # whose tube the fields without one of their own drive in
 OWN: Final[dict[str, tuple[str, ...]]] = {
     "grass-soil": ("grass",),

@@ -50,7 +50,7 @@ CONTROLLERS: Final = {
     "`pid`": ("controller.name=pid",),
     _SEARCH: (),
 }
-_SPARE_M: Final = 0.02  # over the floor
+_SPARE_M: Final = 0.02  # largest overshoot beyond its floor that counts as at the floor
 _HOME_M: Final = 0.25  # largest distance from the line at the end
 _LIMIT: Final = math.radians(45.0)
 _LOST_M: Final = 5.0  # distance of the tractor from its reference at which a run ends
@@ -83,7 +83,7 @@ def starts(seed: int) -> dict[str, tuple[str, ...]]:
 _LEAST: Final = np.array([0.1, 0.15, 0.3, 0.15, 0.8, -1.0, 0.2])
 _MOST: Final = np.array([1.0, 1.0, 1.5, 0.8, 3.0, 1.0, 1.0])
 _DRAWS: Final = 400
-_STOPS: Final = np.radians([35.0, 24.0])  # of both steerings
+_STOPS: Final = np.radians([35.0, 24.0])  # largest angles of front and trailer steering [rad]
 
 
 def search(job: SweepJob) -> dict[str, float]:
@@ -212,7 +212,7 @@ def _hitch(runs: pd.DataFrame) -> str:
 
 
 def _excess(runs: pd.DataFrame) -> pd.Series:
-    """Return by how much overshoots exceed those of the same drives on the line, inf where lost."""
+    """Return by how much overshoots exceed the errors of the same drives on the line; lost: inf."""
     keys = ["ground", "variant", "seed"]
     most = [f"{body}_most" for body in _BODIES]
     floor = runs[runs["start"] == _FLOOR].set_index(keys)[most]

@@ -1,4 +1,4 @@
-"""Published figures of real machines beside those of this plant, which is tuned for none.
+"""Published figures of real machines beside this plant's, which is tuned for none of them.
 
 `evidence.toml` has the published figures and how ours are made; the functions here measure ours.
 """
@@ -210,7 +210,7 @@ def ride() -> list[float]:
 
 def work() -> list[float]:
     """Return median, sd [%], autocorrelation after 1, 3, 12 s of slip; sd of the tractor [cm]."""
-    soil = "soil.random={coefficient_of_variation=0.3,correlation_m=5.0}"  # the defaults
+    soil = "soil.random={coefficient_of_variation=0.3,correlation_m=5.0}"
     driven = _passes(_SPEED, *settings(), soil, seeds=range(201, 207))
     passes = [slip_each_second(record) for record in driven]
     slips = 100.0 * np.concatenate(passes)
@@ -231,7 +231,7 @@ def slip_each_second(record: Record) -> FloatArray:
     state = record[STATE]
     counted = state.time_s >= START_UP_S
     slip = 1.0 - state["v_mps"][counted] / state["v_rim_mps"][counted]
-    rows = round(1.0 / np.median(np.diff(state.time_s)))  # of a second
+    rows = round(1.0 / np.median(np.diff(state.time_s)))  # rows in one second
     return slip[: len(slip) // rows * rows].reshape(-1, rows).mean(axis=1)
 
 

@@ -99,7 +99,7 @@ def _variants(kinds: Iterable[str]) -> VariantAxis:
 
 
 def fault_studies() -> dict[str, Study]:
-    """Return the studies: `ttempc` with all faults, rivals with those of no sensor.
+    """Return the studies: `ttempc` with all faults, rivals with faults of no sensor.
 
     The resolutions of the angle sensors take turns over the seeds of their faults.
     """

@@ -25,7 +25,7 @@ class Hunt:
     """A search along rays with a controller on `grass`."""
 
     controller: str
-    words: tuple[str, ...]  # of `search`
+    words: tuple[str, ...]  # quantities, as the command `search` takes them
     limit_m: float | None  # of the trailer's 95 % cross-track error
     seed: int
     rays: int = RAYS
@@ -76,7 +76,7 @@ def rays(runner: Runner) -> str:
 
 
 def ray_tables(reports: Sequence[Report]) -> list[str]:
-    """Return the table of shares of rays survived, and that of the least severe failures."""
+    """Return the table of shares of rays survived, and the table of the least severe failures."""
     found = np.array(
         [
             [1.0 if ray.fails is None else 0.5 * (ray.holds + ray.fails) for ray in own.rays]

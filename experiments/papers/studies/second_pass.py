@@ -33,7 +33,7 @@ _BETWEEN_ROWS: Final = ((6.0, 34.0), (88.0, 114.0))  # of a lap of `rows` [m]
 def second_lap(job: SweepJob, summary: Summary, record: Record) -> Mapping[str, float]:
     """Return the cross-track figures of the second lap [m]: p95 and largest of each point."""
     errors = record[ERROR]
-    along = errors.time_s - job.scenario.mission().path.lap_m  # at 1 m/s
+    along = errors.time_s - job.scenario.mission().path.lap_m  # at 1 m/s a second is a metre
     counted = along > 0.0
     if job.name == "rows":
         counted &= np.any([(a < along) & (along < b) for a, b in _BETWEEN_ROWS], axis=0)

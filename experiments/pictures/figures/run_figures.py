@@ -213,7 +213,7 @@ def tube_figure(record: Record) -> Figure:
     for axes in rows:
         shade(axes, time_s, contained.curved)
     for axes, (body, column) in zip(rows[:2], contained.ACROSS.items(), strict=True):
-        offset = -contained.deviation[:, column]  # to the left
+        offset = -contained.deviation[:, column]  # positive to the left of the path
         _draw_offset(axes, time_s, offset, width[:, column], body, "tube")
         dress(axes, "", "deviation from nominal\nstate, left positive [cm]")
     last = rows[-1]

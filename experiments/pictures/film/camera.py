@@ -10,7 +10,7 @@ from ttempc.types import FloatArray
 
 from .playback import Playback
 
-FIELD_OF_VIEW: Final = math.radians(42.0)  # vertical
+FIELD_OF_VIEW: Final = math.radians(42.0)  # vertical angle [rad]
 _MIN_CLEARANCE_M: Final = 0.6  # of the camera above the ground
 _UNIT_LENGTH_M: Final = 3.8  # of a vehicle from front to trailer axle for which `unit` is 1
 _Place = tuple[str, tuple[float, float, float]]
@@ -46,7 +46,7 @@ class FollowCamera:
         axles = front[0], self._tractor[0], self._trailer[0]
         length = np.linalg.norm(axles[0] - axles[1]) + np.linalg.norm(axles[1] - axles[2])
         self.unit = float(length) / _UNIT_LENGTH_M
-        """Length of the vehicle over that of the paper's."""
+        """Length of the vehicle over the length of the paper's vehicle."""
 
     def middle(self, time_s: float) -> FloatArray:
         """Return the smoothed midpoint of both axle points, (3,) [m]."""

@@ -27,7 +27,7 @@ from .playback import Ghost, Playback, newest_row
 
 _MARGIN: Final = 14.0
 _BOX: Final = 136.0  # height of the boxes in the band
-_LEAST_WIDTH: Final = 860.0  # of a frame
+_LEAST_WIDTH: Final = 860.0  # pixels; texts and boxes of a narrower frame are smaller
 _BARS_CM: Final = (5.0, 10.0, 20.0, 40.0, 80.0, 150.0, 300.0, 1000.0)  # ends of the error scale
 _INPUTS: Final = (  # field, label, factor to the unit shown, unit
     ("delta_t_rad", "front steering", math.degrees(1.0), "°"),

@@ -30,9 +30,9 @@ _SUN: Final = (0.45, -0.45, -0.77)  # direction of light: from the north-west, a
 _SUN_AWAY_M: Final = 1.6  # distance of the light; farther away, shadow acne appears on the ground
 _STEP_M: Final = 0.25  # between the points of a line
 _POLE_M: Final = 2.6  # height, above the roof so that the top is always visible
-_SHADOW_MAP: Final = 2048  # pixels
-_SAMPLES: Final = 4  # of a pixel
-_EMISSION = 1.5  # of a line
+_SHADOW_MAP: Final = 2048  # side of the shadow map [pixels]
+_SAMPLES: Final = 4  # samples of a pixel, against jagged edges
+_EMISSION = 1.5  # emission of a line on the ground
 _LIGHT = 2.5  # with sky and sun on level ground
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _GHOST_OPACITY: Final = 0.30
@@ -76,7 +76,7 @@ class MujocoScene:
         self._row[self._bodies] = np.arange(len(self._bodies))
         self._moving = np.flatnonzero(np.isin(model.geom_bodyid, self._bodies))
         material = model.geom_matid[self._moving]
-        opaque = (material < 0) | (model.mat_rgba[material, 3] == 1.0)  # glass left out
+        opaque = (material < 0) | (model.mat_rgba[material, 3] == 1.0)  # without glass
         self._shell = self._moving[opaque & (model.geom_group[self._moving] < _HIDDEN_GROUP)]
         self._lugs = [model.geom(f"{wheel}_lugs").id for wheel in WHEELS]
         model.geom_matid[self._lugs] = -1  # no material: the colour shows the slip
@@ -179,7 +179,7 @@ class MujocoScene:
         spec.worldbody.add_geom(
             name="meadow",
             type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=[0.0, 0.0, 1.0],  # without end
+            size=[0.0, 0.0, 1.0],  # MuJoCo draws a plane of size 0 without end
             pos=[*middle, low - _MEADOW_BELOW_M],
             material="meadow",
         )

@@ -25,12 +25,12 @@ from .settings import FilmSettings
 
 _MARGIN_M: Final = 3.0  # of ground around the path
 _TRAIL_STEP_M: Final = 0.25
-_LINE_M: Final = 0.14  # width of paths
+_LINE_M: Final = 0.14  # width of a drawn path [m]
 _SUPERSAMPLING: Final = 2  # pictures are drawn this much larger and then reduced
 _HEADLINE: Final = 0.1  # height of the display over that of the picture
 _BEYOND: Final = (84, 94, 58)  # colour of the ground beyond the field
 _PIXELS_PER_M: Final = 16.0  # of the picture of the ground, fewer where it is large
-_MOST_PIXELS: Final = 50_000_000  # of that picture
+_MOST_PIXELS: Final = 50_000_000  # pixels of the background, at most
 _SHAPES: Final = (  # of the vehicle, lower ones first: geom, colour
     ("bed", (88, 138, 96)),
     ("gearbox", (60, 62, 66)),

@@ -144,7 +144,7 @@ class Playback:
         return self.motion.body_names.index(name)
 
     def value(self, channel: Channel, field: str, time_s: float) -> float:
-        """Return a field of the newest row at a time; before the first row, that of the first."""
+        """Return a field of the newest row at a time; before the first row, of the first row."""
         table = self.record[channel]
         return float(table[field][newest_row(table.time_s, time_s)])
 
@@ -221,7 +221,7 @@ def read_playback(file: Path) -> Playback:
 
 @dataclass(frozen=True)
 class Ghost:
-    """A vehicle that is drawn translucent: that of another run, or on the reference."""
+    """A vehicle that is drawn translucent: of another run, or on the reference."""
 
     name: str
     colour: Rgb

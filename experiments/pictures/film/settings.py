@@ -19,7 +19,7 @@ _SPEEDS: Final = (0.05, 100.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmSettings:
-    """Settings of a picture or a film; times are those of the run.
+    """Settings of a picture or a film; times are simulated times of the run.
 
     Raises:
         InvalidFilm: a value is out of range. The message names the option and the range.

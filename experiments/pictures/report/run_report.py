@@ -106,7 +106,7 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
     facts = [("run", summary.run_id)]
     facts += [("versions", ", ".join(f"{name} {text}" for name, text in summary.versions.items()))]
     for name, form in _FACTS.items():
-        with contextlib.suppress(AttributeError, TypeError):  # of a None
+        with contextlib.suppress(AttributeError, TypeError):  # the summary has no such numbers
             facts.append((name, form.format(s=summary)))
     if summary.line:
         facts.append(("line as given", format_line(summary.line)))

@@ -53,7 +53,7 @@ _UNITS: Final = {
 }
 _CAPITALS: Final = ("iso", "gnss", "imu")
 _BINS: Final = 6
-_MOST_VALUES: Final = 16  # more are binned
+_MOST_VALUES: Final = 16  # an axis with more values is binned
 _WIDE: Final = 12.0  # largest over smallest value from which an axis is logarithmic
 
 
@@ -82,7 +82,7 @@ class Sweep:
 
     name: str
     study: Study
-    origin: Mapping[str, Any]  # content of `versions.json`
+    origin: Mapping[str, Any]  # content of `versions.json` in the folder
     rows: pd.DataFrame
     scales: tuple[Scale, ...]
     controllers: tuple[str, ...]  # in the order of the plan
@@ -106,7 +106,7 @@ class Sweep:
 
     @property
     def units(self) -> str:
-        """Return what the independent units are called."""
+        """Name of the independent units."""
         return "seeds" if self.study.samples is None else "points"
 
 
@@ -228,7 +228,7 @@ def _each(
 
 
 def _scales(study: Study, table: pd.DataFrame) -> Iterator[tuple[Scale, Any]]:
-    """Yield the axes of several values, not the controller, with the index of each run's, (n,)."""
+    """Yield each axis with more than one value, and every run's index on it, (n,)."""
     axes = [axis for axis in study.axis if "controller" not in axis.names]
     labels = [_label(axis.names[0]) for axis in axes]
     for axis, label in zip(axes, labels, strict=True):

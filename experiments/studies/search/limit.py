@@ -40,7 +40,7 @@ class Question:
     settings: dict[str, Any] = field(default_factory=dict)  # override keys of the scenario
 
     def scan_numbers(self) -> list[float]:
-        """Return the values of the scan; those of a named quantity are the indices of its names.
+        """Return the values of the scan; a named quantity has the indices of its names.
 
         Raises:
             InvalidStudy: the tolerance is below the step of the quantity.
@@ -119,7 +119,7 @@ class Limit:
     monotone: bool  # failure sets in once over the tested values
     holds_at: float | str | None
     fails_at: float | str | None
-    probes: tuple[Probe, ...]  # by increasing value
+    probes: tuple[Probe, ...]  # ordered by increasing value
 
     def __str__(self) -> str:
         question = self.question

@@ -63,7 +63,7 @@ class Parameter:
         return self.names[int(number)] if self.names else number
 
     def severity(self, position: float) -> float:
-        """Return the distance from the nominal value over that of the farther bound, 0 to 1."""
+        """Return the distance from the nominal value over the farther bound's, 0 to 1."""
         nominal = self.nominal_position
         distance = abs(self.position(self.number(position)) - nominal)
         return distance / max(nominal, 1.0 - nominal)

@@ -104,7 +104,7 @@ def _end_with_driver() -> None:
 
 @contextlib.contextmanager
 def engine(workers: int | None = None, address: str | None = None) -> Iterator[Engine]:
-    """Start workers on this machine, or connect to those of a cluster, until the block ends.
+    """Start workers on this machine, or connect to a cluster's, until the block ends.
 
     Args:
         workers: processes on this machine, one per core by default; 0: this process.

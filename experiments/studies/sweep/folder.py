@@ -79,7 +79,7 @@ def read_origin(path: Path) -> Origin:
 
 @contextmanager
 def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
-    """Lock a new folder, or that of the same sweep, until the block or the process ends.
+    """Lock a new folder, or the folder of the same sweep, until the block or the process ends.
 
     Rows of a study that has grown since are kept under their numbers in the new plan.
 

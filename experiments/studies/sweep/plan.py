@@ -102,7 +102,7 @@ class SweepPlan:
 
     @property
     def size(self) -> int:
-        """Return how many run numbers there are, those of refused combinations included."""
+        """Return how many run numbers there are, refused combinations included."""
         return self.points * len(self._seeds) * self.controller_count
 
     @property
@@ -124,7 +124,7 @@ class SweepPlan:
         return *divmod(rest, len(self._seeds)), controller
 
     def runs(self) -> Iterator[int]:
-        """Yield the numbers of the runs to drive: all but those of refused combinations."""
+        """Yield the numbers of the runs to drive: all but the refused combinations."""
         refused = self.refusals if self.study.skip_refused else {}
         for run in range(self.size):
             point, _, controller = self._place(run)

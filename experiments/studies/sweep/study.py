@@ -157,7 +157,7 @@ class Study:
     ) = 1
     samples: Count | None = None  # of all drawn axes together
     draw: Seed = 1  # seed of the drawn values
-    keep: Literal["none", "all", "failed"] = "none"  # logs
+    keep: Literal["none", "all", "failed"] = "none"  # which logs stay in the folder
     skip_refused: bool = False  # leave out what a scenario or a controller refuses
     set: dict[str, Any] = Field(default_factory=dict)
     axis: tuple[Axis, ...] = ()
@@ -240,7 +240,7 @@ def _anchored(content: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Dimension:
-    """One factor of the grid; its entries are combined with those of all others."""
+    """One factor of the grid; its entries are combined with the entries of all others."""
 
     entries: Sequence[Change]
     selects_controller: bool = False  # all its entries meet the same terrain and noise

@@ -31,7 +31,7 @@ class SweepJob:
     run: int
     point: int
     run_id: str
-    name: str  # of the scenario
+    name: str  # name of the scenario
     scenario: Scenario
     seed: int
     axes: Mapping[str, Value]
