@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from ...testbed.ground.grid import Grid
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
-from ...testbed.messages.scenery import Scenery
 from ...testbed.randomness import generator
 from ...testbed.recording.channels import CORRIDOR, LINE
 from ...testbed.recording.record import RESUMED, Event, Sink
@@ -46,6 +46,10 @@ from .line_judge import LineJudge
 from .shared_parts import SharedParts
 from .timetable import Timetable
 from .user_code import is_user_code, load_factory, named_estimator, named_factory, user_stage
+
+if TYPE_CHECKING:
+    from ...testbed.messages.scenery import Scenery
+
 
 # Where a trailer turns between its axle (0) and the tool (1) behind it, which any plant decides:
 # of 1/4, 1/3, 0.4 and 1/2 that of least error at the tool on 20 laps of `cultivate`
@@ -75,7 +79,7 @@ class Assembly:
     termination: TerminationLimits | None = None  # None: those of the vehicle
 
     @property
-    def scenery(self) -> Scenery:
+    def scenery(self) -> "Scenery":
         """Static data for viewers, placed on the earth."""
         return replace(self.plant.scenery, frame=self.frame)
 
