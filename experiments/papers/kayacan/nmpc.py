@@ -102,7 +102,7 @@ class PrintedFeedback(FeedbackLaw):
         self._lambda: float | None = None  # of the period before
 
     def resume(self, previous: object) -> None:
-        """Keep the place on the path and the plan, see a controller that resumes."""
+        """Keep the place on the path and the plan."""
         if isinstance(previous, PrintedFeedback):  # the tractor's path is the same
             self._targets._projection = previous._targets._projection
             self._plan, self._lambda = previous._plan, previous._lambda
