@@ -32,9 +32,8 @@ from .steering import observe_standstill, observe_steering
 from .table import DetectorIndex
 from .valve import VALVE, compare_valve, new_valve
 
-_SENSORS_WITH_READINGS: Final = int(
-    DetectorIndex.STEERING_FRONT
-)  # sensors with a detector of their readings
+# The first detectors are those of the readings of a sensor each.
+_SENSORS_WITH_READINGS: Final = int(DetectorIndex.STEERING_FRONT)
 
 DETECTORS: Final = np.dtype(
     [
