@@ -102,6 +102,50 @@ def replay(arguments: argparse.Namespace) -> int:
     return 0
 
 
+@command(
+    option("source", type=Path, metavar="FILE", help="record, or folder of a bag"),
+    option("--map", type=Path, metavar="MAP.toml", help="names of columns, topics, joints; point"),
+    option(
+        "--scenario",
+        metavar="NAME|FILE",
+        help="vehicle, sensors and line of the record (path.file)",
+    ),
+    option("--vehicle", default="kayacan2016", metavar="NAME|FILE", help="without a scenario"),
+    option("--line", default="", metavar="NAME", help="track, where the file has several"),
+    option("--seconds", metavar="FROM:TO", help="part of the record, from its beginning"),
+    out("LOG.mcap", "default: FILE.mcap in the present folder"),
+)
+def import_(arguments: argparse.Namespace) -> int:
+    """Import a record of another program as a log.
+
+    CSV, NMEA 0183, $PANDA, GPX, KML tracks, time logs of ISOXML, rosbag2, MCAP of ROS 2. What the
+    record lacks is computed from its track; the log says what.
+
+      ttempc log import drive.nmea --scenario mine.toml -o drive.mcap
+    """
+    from ..formats.mapping import read_map
+    from ..logs.import_log import import_log
+    from ..scenario.scenario import load
+
+    mapping = read_map(arguments.map)
+    name, scenario = arguments.source.stem, None
+    if arguments.scenario:
+        name, scenario = load(arguments.scenario)
+    imported = import_log(
+        arguments.source,
+        arguments.out or Path(f"{arguments.source.stem}.mcap"),
+        mapping,
+        scenario,
+        name=name,
+        vehicle=arguments.vehicle,
+        line=arguments.line,
+        span_s=options.span(arguments.seconds),
+    )
+    print("\n".join(map(one_line, imported.lines)))
+    print(f"log       {imported.file}")
+    return 0
+
+
 log = Group(
     """\
 A log is log.mcap of a run's folder, or log.mcap.part of a run that was killed. The
@@ -110,12 +154,13 @@ readable part of a torn log is shown and exported, with a note.
   ttempc log info runs/DIR
   ttempc log export runs/DIR --format parquet -o tables
   ttempc log check TORN.part -o NEW.mcap
+  ttempc log import drive.nmea -o drive.mcap
   ttempc log replay runs/DIR --estimator mine:Mine
 
 Exit code 0 for success, 1 if `check` finds a log damaged or incomplete, 2 for bad input (one line;
 nothing is written).
 """,
-    {"info": info, "export": export, "check": check, "replay": replay},
+    {"info": info, "export": export, "check": check, "import": import_, "replay": replay},
 )
 
 

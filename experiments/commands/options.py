@@ -105,6 +105,22 @@ def number(text: str) -> float:
     return value
 
 
+def span(text: str | None) -> tuple[float, float]:
+    """Return beginning and end [s] of FROM:TO; an empty side, or no text, is without limit.
+
+    Raises:
+        BadOptions: a side is no number, or the end is not later.
+    """
+    begin, colon, end = (text or ":").partition(":")
+    try:
+        limits = float(begin or "-inf"), float(end or "inf")
+    except ValueError:
+        limits = math.nan, math.nan
+    if not colon or not limits[0] < limits[1]:
+        raise BadOptions(f"--seconds: must be FROM:TO in seconds, as 10:60 or 10:, got {text!r}")
+    return limits
+
+
 def positive(text: str) -> float:
     """Read a positive time [s], length [m] or factor, of a size that clocks can count."""
     if not 1e-6 <= (value := number(text)) <= 1e6:
