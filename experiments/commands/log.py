@@ -217,11 +217,47 @@ def tube(arguments: argparse.Namespace) -> int:
     return options.EXIT_CHECK_FAILED if warnings else 0
 
 
+@command(
+    options.LOG,
+    out("FILE", "default: fitted.toml").but(default=Path("fitted.toml")),
+    json_of("the parameters"),
+    *options.CHANGES,
+)
+def vehicle(arguments: argparse.Namespace) -> int:
+    """Fit a vehicle to a log: lengths, dead times, lags, offsets, noise and wheel slip.
+
+    Each value has a standard deviation. The search starts at the vehicle of the log, and lengths
+    have a prior of 20 % about it. What the log lacks is left out, and said. To drive it:
+
+      ttempc log import drive.csv --map map.toml -o drive.mcap
+      ttempc fit vehicle drive.mcap -o fitted.toml
+      ttempc run grass --vehicle fitted.toml
+    """
+    from ..logs.fit_vehicle import fit_vehicle
+    from ..logs.replay import read_run
+    from ..scenario.scenario import parse_overrides
+
+    refuse_existing(arguments.out)
+    record, scenario = read_run(arguments.log, parse_overrides(arguments.overrides))
+    fit = fit_vehicle(record, scenario)
+    file = scenario.plant.vehicle.file
+    write_file(arguments.out, fit.to_toml(file, arguments.log.name))
+    if arguments.json:
+        print(fit.to_json().rstrip())
+        return 0
+    print("\n".join(map(str, fit.parameters)))
+    for line in fit.missing:
+        print(one_line(f"not fitted: {line}"))
+    print(f"\nvehicle   {arguments.out}")
+    return 0
+
+
 fit = Group(
     """\
-Fit a tube to the logs of runs.
+Fit a tube to the logs of runs, or a vehicle to a log.
 
   ttempc fit tube runs/grass-* -o tube.json
+  ttempc fit vehicle drive.mcap -o fitted.toml
 """,
-    {"tube": tube},
+    {"tube": tube, "vehicle": vehicle},
 )

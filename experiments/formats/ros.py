@@ -26,6 +26,7 @@ _NO_FIX: Final = -1
 _RTK: Final = 2  # STATUS_GBAS_FIX
 _FIXED_SD_M: Final = 0.1  # with a larger deviation the ambiguities are not fixed
 _WHEEL: Final = "rear_wheel"
+_HYDROSTAT: Final = "hydrostat"
 
 
 def read_bag(path: Path, mapping: FormatMap) -> ForeignFile:
@@ -193,6 +194,9 @@ def _commands(message: Any, mapping: FormatMap) -> dict[str, float]:  # noqa: AN
     """Return the commands of joints, whose columns have `_command` before their unit."""
     joints = _joints(message, mapping)
     named = {f"{name.removesuffix('_rad')}_command_rad": value for name, value in joints.items()}
+    if _HYDROSTAT in message.name:
+        place = list(message.name).index(_HYDROSTAT)
+        named["hydrostat_command"] = float(message.position[place])
     return {name: value for name, value in named.items() if name in COLUMNS}
 
 

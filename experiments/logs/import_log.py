@@ -32,7 +32,7 @@ from ...testbed.recording import channels as ch
 from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import IMPORTED_KEY, Event
 from ...testbed.simulation.plant import Plant
-from ...testbed.truth import TRUTH_SIZE, WHEELS, Moments
+from ...testbed.truth import TRUTH_SIZE, TruthBlock
 from ...testbed.vehicle.vehicle import VEHICLES
 from ..errors import InvalidScenario, UnreadableFile
 from ..formats.field import FieldSettings
@@ -40,7 +40,7 @@ from ..formats.mapping import FormatMap
 from ..formats.read import read_foreign
 from ..formats.table import PLACE_COLUMNS, Table
 from ..run.assembly import model_vehicle
-from ..run.simulate import BEGINS, ENDS
+from ..run.run_log import BEGINS, ENDS
 from ..run.user_code import named_estimator
 from ..scenario.controller import TRUTH
 from ..scenario.path import Mission
@@ -86,6 +86,7 @@ def default_scenario(vehicle: str, mapping: FormatMap, name: str) -> Scenario:
         "description": f"Record {name}",
         "terrain": {"iso_class": "flat"},
         "path": {"kind": "straight"},
+        "sensors": {"preset": "field"},
         "plant": {"vehicle": {"file": vehicle}},
         "field": {
             key: value
@@ -338,9 +339,9 @@ def _write(
         for note in notes:
             log.event(Event(0.0, "warning" if "not measured" in note else "info", note))
         log.path(ch.REFERENCE_PATH_TOPIC, 0.0, line)
-        moments = Moments(np.zeros((len(poses), TRUTH_SIZE)), poses, np.zeros((len(poses), 0)))
-        moments.rows[:, 0] = motion.time_s
-        log.scenes(moments)
+        rows = np.zeros((len(poses), TRUTH_SIZE))
+        rows[:, 0] = motion.time_s
+        log.scenes(TruthBlock(rows, poses, np.zeros((len(poses), 0))))
         log.rows(ch.STATE, motion.time_s, state)
         log.rows(ch.REFERENCE, motion.time_s, reference)
         tyres = np.zeros((len(state), len(ch.TYRES.fields)))
@@ -536,7 +537,9 @@ def _estimates(
     for k, name in enumerate(("steering_command_rad", "trailer_steering_command_rad")):
         if samples_of(columns, name):
             commands[:, k] = _at(columns, name, times)
-    if samples_of(columns, "speed_command_mps"):
+    if samples_of(columns, "hydrostat_command"):
+        commands[:, 2] = _at(columns, "hydrostat_command", times)
+    elif samples_of(columns, "speed_command_mps"):
         gear = -1.0 if vehicle.reverse else 1.0
         hp = _at(columns, "speed_command_mps", times) / vehicle.speed_gain
         commands[:, 2] = np.clip(hp, min(0.0, gear), max(0.0, gear))
@@ -558,6 +561,3 @@ def _estimates(
         command = Command(*values.tolist())
         rows.append((time_s, ch.estimate_row(record_of_estimate(estimate)), control))
     return rows
-
-
-_ = WHEELS
