@@ -82,6 +82,7 @@ def replay(arguments: argparse.Namespace) -> int:
 
       ttempc log replay LOG.mcap --set controller.noise.gnss_sd_m=0.05
     """
+    from ...testbed.recording.record import NOT_MEASURED_KEY
     from ..logs.replay import estimator_of, read_run, replay, same_as_recorded
     from ..results.consistency import consistency, format_consistency
     from ..run.user_code import refuse_untrusted
@@ -98,6 +99,8 @@ def replay(arguments: argparse.Namespace) -> int:
     same = "the" if same_as_recorded(estimates, record) else "other than the"
     run = f"{record.metadata['scenario']}, seed {record.metadata['seed']}"
     print(one_line(f"{run}, estimator {name}: {same} estimates of the run"), end="\n\n")
+    if (lacking := record.metadata.get(NOT_MEASURED_KEY, "none")) != "none":
+        print(one_line(f"not measured, computed from the track: {lacking}"), end="\n\n")
     print("\n".join(format_consistency(consistency(estimates, record))))
     return 0
 

@@ -30,7 +30,7 @@ from ...testbed.ground.terrain import Terrain
 from ...testbed.log.writer import LogWriter, refuse_existing_log
 from ...testbed.recording import channels as ch
 from ...testbed.recording.provenance import versions
-from ...testbed.recording.record import IMPORTED_KEY, Event
+from ...testbed.recording.record import IMPORTED_KEY, NOT_MEASURED_KEY, Event
 from ...testbed.simulation.plant import Plant
 from ...testbed.truth import TRUTH_SIZE, TruthBlock
 from ...testbed.vehicle.vehicle import VEHICLES
@@ -50,9 +50,6 @@ from .replay import SAMPLE_ORDER
 
 RECORDED: Final = "recorded"
 """Name of the controller of an imported log."""
-
-MEASURED_KEY: Final = "not_measured"
-"""Key of the metadata of an imported log: the sensors whose samples are computed."""
 
 _PERIOD_S: Final = 0.2
 _GROUND_STEP_M: Final = 0.25
@@ -152,7 +149,7 @@ def import_log(
         "seed": "0",
         "mismatch": "not known",
         IMPORTED_KEY: f"{source.name}, {content.kind}",
-        MEASURED_KEY: ", ".join(motion.computed) or "none",
+        NOT_MEASURED_KEY: ", ".join(motion.computed) or "none",
         **frame.metadata,
         **versions(),
     }

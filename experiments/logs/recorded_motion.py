@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
 
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
@@ -19,8 +21,9 @@ COARSE_S: Final = 0.2
 """Steps of the grid of times: for records of 20 Hz and more, and for slower ones."""
 
 _COURSE_M: Final = 0.5  # way over which the course of a track is taken, on either side
+_SMOOTH_S: Final = 0.2  # deviation of the bell over which a track is averaged for its course
 _STANDS_MPS: Final = 0.05  # below it a course is not known
-_MOST_GAP_S: Final = 2.0  # between positions; over a longer gap nothing is interpolated
+_MOST_GAP_S: Final = 2.0  # between positions, or ten times the usual one; longer ones end a record
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,35 +84,42 @@ def recorded_motion(
     kept = np.isfinite(points).all(axis=1)
     at_s, place = _unique(times[kept], points[kept])
     gap_s = np.diff(at_s)
-    if len(at_s) < 3 or (gap_s > _MOST_GAP_S).any():
+    usual_s = float(np.median(gap_s)) if len(gap_s) else 0.0
+    most_s = max(_MOST_GAP_S, 10.0 * usual_s)
+    if len(at_s) < 3 or (gap_s > most_s).any():
         k = int(np.argmax(gap_s)) if len(gap_s) else 0
         where = f"; the longest gap, {gap_s[k]:.1f} s, begins at {at_s[k]:.1f} s" if k else ""
         raise UnreadableFile(
             f"has {len(at_s)} positions with times; a record needs 3 or more, none later than "
-            f"{_MOST_GAP_S:g} s after the one before{where} (--seconds FROM:TO takes a part)"
+            f"{most_s:g} s after the one before{where} (--seconds FROM:TO takes a part)"
         )
-    step_s = FINE_S if float(np.median(gap_s)) < 0.5 * COARSE_S else COARSE_S
+    step_s = FINE_S if usual_s < 0.5 * COARSE_S else COARSE_S
     count = math.floor((at_s[-1] - at_s[0]) / step_s + 1e-6) + 1
     if count > MOST_ROWS:
         raise UnreadableFile(f"lasts {at_s[-1] - at_s[0]:.0f} s, at most {step_s * MOST_ROWS:.0f}")
     grid = at_s[0] + step_s * np.arange(count)
     computed: list[str] = []
 
-    x_m, y_m = (np.interp(grid, at_s, values) for values in place.T)
-    speed = _speed(columns, grid, x_m, y_m, computed)
-    psi_t = _yaw(columns, grid, x_m, y_m, speed, computed)
+    x_m, y_m = _between(grid, at_s, place, usual_s)
+    speed = _speed(columns, grid, x_m, y_m, usual_s, computed)
+    spacing_m = float(np.median(np.hypot(*np.diff(place, axis=0).T)))
+    reach_m = max(_COURSE_M, spacing_m)
+    width = max(_SMOOTH_S, usual_s) / step_s
+    smooth = gaussian_filter1d(x_m, width), gaussian_filter1d(y_m, width)
+    psi_t = _yaw(columns, grid, *smooth, speed, reach_m, computed)
     if point == "antenna":
         cos, sin = np.cos(psi_t), np.sin(psi_t)
         x_m = x_m - cos * antenna_m[0] + sin * antenna_m[1]
         y_m = y_m - sin * antenna_m[0] - cos * antenna_m[1]
     yaw_rate = _sampled(columns, "yaw_rate_radps", grid)
     if yaw_rate is None:
-        yaw_rate = np.gradient(psi_t, step_s)
+        yaw_rate = gaussian_filter1d(np.gradient(psi_t, step_s), width)
     delta_t = _sampled(columns, "steering_rad", grid)
     if delta_t is None:
         computed.append("steering_tractor")
         moving = np.where(np.abs(speed) < 0.3, np.inf, speed)
         delta_t = np.arctan(vehicle.wheelbase * yaw_rate / moving)
+        delta_t = np.clip(delta_t, -vehicle.steering_limit_t, vehicle.steering_limit_t)
     delta_i = _sampled(columns, "trailer_steering_rad", grid)
     if delta_i is None:
         computed.append("steering_trailer")
@@ -140,6 +150,19 @@ def recorded_motion(
         yaw_rate=yaw_rate,
         computed=tuple(computed),
     )
+
+
+def _between(
+    grid: FloatArray, times: FloatArray, places: FloatArray, usual_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return places at the times of the grid: linear between close samples, else by a spline.
+
+    At 1 Hz and 2 m/s on a circle of 10 m, chords are 5 cm off; a cubic spline is below 1 mm off.
+    """
+    if usual_s < 0.25:
+        return np.interp(grid, times, places[:, 0]), np.interp(grid, times, places[:, 1])
+    x_m, y_m = CubicSpline(times, places)(grid).T
+    return x_m, y_m
 
 
 def _unique(times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -175,6 +198,7 @@ def _speed(
     grid: FloatArray,
     x_m: FloatArray,
     y_m: FloatArray,
+    usual_s: float,
     computed: list[str],
 ) -> FloatArray:
     """Return the speed: the recorded one, else that of the track."""
@@ -186,7 +210,8 @@ def _speed(
             return speed
     computed.append("encoder")
     step_s = grid[1] - grid[0]
-    width = max(1, round(0.5 / step_s))  # positions of a receiver have centimetres of noise
+    # positions of a receiver have centimetres of noise, stamps of slow records seconds
+    width = max(1, round(max(0.5, usual_s) / step_s))
     ahead = np.minimum(np.arange(len(grid)) + width, len(grid) - 1)
     behind = np.maximum(np.arange(len(grid)) - width, 0)
     way = np.hypot(x_m[ahead] - x_m[behind], y_m[ahead] - y_m[behind])
@@ -199,6 +224,7 @@ def _yaw(
     x_m: FloatArray,
     y_m: FloatArray,
     speed: FloatArray,
+    reach_m: float,
     computed: list[str],
 ) -> FloatArray:
     """Return the heading: that of a pose or a compass, else the course over ground."""
@@ -208,12 +234,12 @@ def _yaw(
             return yaw
     computed.append("heading")
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x_m), np.diff(y_m)))])
-    ahead = np.minimum(np.searchsorted(way, way + _COURSE_M), len(grid) - 1)
-    behind = np.maximum(np.searchsorted(way, way - _COURSE_M) - 1, 0)
+    ahead = np.minimum(np.searchsorted(way, way + reach_m), len(grid) - 1)
+    behind = np.maximum(np.searchsorted(way, way - reach_m) - 1, 0)
     east, north = x_m[ahead] - x_m[behind], y_m[ahead] - y_m[behind]
     backwards = speed < 0.0
     course = np.arctan2(np.where(backwards, -north, north), np.where(backwards, -east, east))
-    known = (np.hypot(east, north) > 0.5 * _COURSE_M) & (np.abs(speed) > _STANDS_MPS)
+    known = (np.hypot(east, north) > 0.5 * reach_m) & (np.abs(speed) > _STANDS_MPS)
     if not known.any():
         raise UnreadableFile("has no heading, and moves too little for a course")
     return np.interp(grid, grid[known], np.unwrap(course[known]))

@@ -485,9 +485,9 @@ def _tolerance(lengths: FloatArray, roughness: float) -> FloatArray:
 def likely_lengths(
     window: Sequence[RecordedTick], vehicle: Vehicle, noise: SensorNoise, process: ProcessNoise
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return the lengths of largest likelihood of a log, (4,), and their covariance (4, 4) [m^2].
+    """Return the lengths of largest likelihood of a log, (4,), and their covariance [m^2].
 
-    Gauss-Newton steps as those of `fit_lengths`, from `vehicle` on and without its prior, until they
+    Gauss-Newton steps as those of `fit_lengths`, from `vehicle` on, without its prior, until they
     are small against the deviations; a step changes a length by a fifth at most. None for a log
     without a sensor, of less than 15 s, or for which the steps do not become small.
     """

@@ -6,9 +6,15 @@ Receivers have errors as recorded under an open sky, angle sensors an offset and
 import math
 
 import numpy as np
+from proving_ground.experiments.logs.replay import ticks
 from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.run.user_code import named_estimator
 from proving_ground.experiments.scenario.scenario import ScenarioFile
 from proving_ground.testbed.geodesy import MapFrame
+from proving_ground.testbed.recording.record import Record, Table
+
+from ttempc.models.kinematics import articulated, trailer_point
+from ttempc.vehicle import Vehicle
 
 FRAME = MapFrame((44.97, -93.26))
 NOMINAL = {
@@ -121,3 +127,67 @@ def offset_deg(record):
     kept = np.isfinite(taken)
     true = np.interp(taken[kept], state.time_s, state["delta_t_rad"])
     return math.degrees(float(np.mean(table["steering_tractor_rad"][kept] - true)))
+
+
+def true_vehicle(true):
+    """Return the model with the true parameters."""
+    fields = {
+        "wheelbase": "wheelbase_m",
+        "hitch_offset": "hitch_offset_m",
+        "drawbar_length": "drawbar_m",
+        "trailer_length": "trailer_m",
+        "steering_lag_t": "front_lag_s",
+        "steering_lag_i": "trailer_lag_s",
+        "speed_gain": "speed_gain_mps",
+        "speed_time_constant": "speed_time_constant_s",
+        "dead_time_t": "front_dead_time_s",
+        "dead_time_i": "trailer_dead_time_s",
+    }
+    return Vehicle(**{field: true[key] for field, key in fields.items()})
+
+
+def part(record, end_s):
+    """Return the record up to a time."""
+    tables = {}
+    for topic, table in record.tables.items():
+        kept = table.time_s <= end_s
+        tables[topic] = Table(table.channel, table.time_s[kept], table.values[kept])
+    return Record(tables, record.events, record.metadata)
+
+
+def prediction_rms(record, vehicle, scenario, begin_s, ahead=10):
+    """Return the rms distance of both positions from those predicted 2 s before [m].
+
+    The filter with `vehicle` gives the state; its model is integrated with the recorded commands.
+    """
+    noise = scenario.controller.noise.sensor_noise(scenario.sensors)
+    recorded = list(ticks(record))
+    estimator = named_estimator("ekf", vehicle, noise)
+    commands = record["/control"].columns(
+        "delta_t_rad_command", "delta_i_rad_command", "hp_command"
+    )
+    table = record["/measurement"]
+    squares = []
+    for k, tick in enumerate(recorded):
+        estimate = estimator.update(tick.time_s, tick.samples, tick.command)
+        if tick.time_s < begin_s or k % 5 or k + ahead >= len(recorded):
+            continue
+        state = estimate.state.copy()
+        disturbance = np.array(estimate.disturbance)
+        for step in range(8 * ahead):
+            now_s = tick.time_s + 0.025 * step
+            row = np.floor((now_s - vehicle.dead_times) / 0.2 + 1e-6).astype(int)
+            inputs = commands[np.clip(row, 0, len(commands) - 1), range(3)]
+            middle = state + 0.0125 * articulated(state, inputs, vehicle, disturbance)
+            state = state + 0.025 * articulated(middle, inputs, vehicle, disturbance)
+        at_s = tick.time_s + 0.2 * ahead
+        for sensor, point in (
+            ("gnss_tractor", state[:2]),
+            ("gnss_trailer", trailer_point(state, vehicle)),
+        ):
+            taken = table[f"{sensor}_time_s"]
+            rows = np.flatnonzero(np.abs(taken - at_s) < 0.01)
+            if len(rows):
+                measured = table.columns(f"{sensor}_x_m", f"{sensor}_y_m")[rows[0]]
+                squares.append(float(np.sum((point - measured) ** 2)))
+    return math.sqrt(np.mean(squares))

@@ -149,7 +149,7 @@ def test_an_own_log_comes_back_within_a_millimetre(short_runs, tmp_path, monkeyp
     ("text", "message"),
     [
         ("lat,lon\n44.97,-93.26\n44.98,-93.26\n", "has no times"),
-        ("time,x,y\n0,0,0\n1,1,0\n9,9,0\n10,10,0\n", "longest gap"),
+        ("time,x,y\n0,0,0\n1,1,0\n2,2,0\n19,9,0\n20,10,0\n", "longest gap"),
         ("time,x,y\n0,0,0\n1,0,0\n2,0,0\n3,0,0\n", "moves too little"),
     ],
 )
