@@ -98,9 +98,9 @@ _ACTUATORS: Final = {
     Input.DELTA_I: ("trailer", "steering_lag_i", "dead_time_i", "steering_trailer"),
     Input.HP: ("hydrostat", "speed_time_constant", "dead_time_hp", "encoder"),
 }
-# Mean product of relative errors of the lengths of largest likelihood, in the order of `LENGTHS`: of
-# 18 simulated vehicles drawn within 30 % on `grass` (tests/experiments/logs/drawn_vehicles.py, seeds
-# 1001 to 1021, three of which were lost). Trailers that slip outwards pass for other lengths.
+# Mean product of relative errors of the lengths of largest likelihood, in the order of `LENGTHS`:
+# of 18 simulated vehicles drawn within 30 % on `grass` (tests/experiments/logs/drawn_vehicles.py,
+# seeds 1001 to 1021, three of which were lost). Trailers that slip outwards pass for other lengths.
 _SYSTEMATIC: Final = (
     (0.0033, 0.0664, -0.0188, -0.0038),
     (0.0664, 1.6992, -0.4903, -0.0912),
