@@ -340,8 +340,9 @@ def _wheel_slip(record: Record, not_measured: Sequence[str]) -> list[Fitted]:
         return []
     rolled = np.concatenate([[0.0], np.cumsum(0.5 * (rim[1:] + rim[:-1]) * np.diff(times))])
     block_s = np.arange(max(at_s[0], times[0], _START_S), min(at_s[-1], times[-1]), 1.0)
-    x_m, y_m = np.interp(block_s, at_s, x_m), np.interp(block_s, at_s, y_m)
-    ground = np.hypot(np.diff(x_m), np.diff(y_m))
+    east = np.diff(np.interp(block_s, at_s, x_m))
+    north = np.diff(np.interp(block_s, at_s, y_m))
+    ground = np.hypot(east, north)
     wheel = np.abs(np.diff(np.interp(block_s, times, rolled)))
     kept = wheel > _MOVING_MPS
     if kept.sum() < 20:

@@ -153,7 +153,8 @@ def import_log(
         **frame.metadata,
         **versions(),
     }
-    _write(out, scenario, motion, samples, columns, frame, mission, metadata, notes)
+    parts = _Content(motion, samples, columns, frame, mission, metadata, notes)
+    _write(out, scenario, parts)
     length_m = float(np.hypot(np.diff(motion.x_t), np.diff(motion.y_t)).sum())
     first = f"{content.kind}: {len(table)} rows, {motion.time_s[-1]:.1f} s, {length_m:.1f} m driven"
     return Imported(out, (first, *notes))
@@ -304,24 +305,29 @@ def _remarks(
     return tuple(lines)
 
 
-def _write(
-    out: Path,
-    scenario: Scenario,
-    motion: RecordedMotion,
-    samples: list[Measurement],
-    columns: Mapping[str, FloatArray],
-    frame: MapFrame,
-    mission: Mission | None,
-    metadata: Mapping[str, str],
-    notes: tuple[str, ...],
-) -> None:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Content:
+    """What an imported log has."""
+
+    motion: RecordedMotion
+    samples: list[Measurement]
+    columns: Mapping[str, FloatArray]
+    frame: MapFrame
+    mission: Mission | None  # None where no line is given
+    metadata: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def _write(out: Path, scenario: Scenario, content: _Content) -> None:
     """Write the log; poses of the bodies are those of the vehicle on level ground."""
+    motion = content.motion
+    metadata = content.metadata
     terrain = _ground(motion)
     plant = Plant(scenario.vehicles().plant, terrain, SoilMap(600.0), wheels=scenario.plant.wheels)
-    scenery = replace(plant.scenery, frame=frame)
+    scenery = replace(plant.scenery, frame=content.frame)
     state, poses = _states(plant, motion)
-    line = _line(motion, mission)
-    reference = _references(motion, line if mission else None)
+    line = _line(motion, content.mission)
+    reference = _references(motion, line if content.mission else None)
     attachments = {
         "scenario.toml": dump(scenario),
         "vehicle.toml": VEHICLES.find(scenario.plant.vehicle.file).read_text(encoding="utf-8"),
@@ -333,7 +339,7 @@ def _write(
     with log:
         title = f"{metadata['scenario']}, {metadata[IMPORTED_KEY]}"
         log.event(Event(0.0, "info", f"{BEGINS}{title}"))
-        for note in notes:
+        for note in content.notes:
             log.event(Event(0.0, "warning" if "not measured" in note else "info", note))
         log.path(ch.REFERENCE_PATH_TOPIC, 0.0, line)
         rows = np.zeros((len(poses), TRUTH_SIZE))
@@ -343,9 +349,9 @@ def _write(
         log.rows(ch.REFERENCE, motion.time_s, reference)
         tyres = np.zeros((len(state), len(ch.TYRES.fields)))
         log.rows(ch.TYRES, motion.time_s, tyres)
-        for time_s, row in _sample_rows(samples):
+        for time_s, row in _sample_rows(content.samples):
             log.row(ch.MEASUREMENT, time_s, row)
-        for time_s, estimate, control in _estimates(scenario, samples, columns, end_s):
+        for time_s, estimate, control in _estimates(scenario, content, end_s):
             log.row(ch.ESTIMATE, time_s, estimate)
             log.row(ch.CONTROL, time_s, control)
         log.event(Event(end_s, "info", f"{ENDS}completed after {end_s:.1f} s"))
@@ -365,7 +371,8 @@ def _ground(motion: RecordedMotion) -> Terrain:
 def _states(plant: Plant, motion: RecordedMotion) -> tuple[FloatArray, FloatArray]:
     """Return rows of `STATE` and the poses of all bodies, (n, bodies, 7)."""
     plant.reset(float(motion.x_t[0]), float(motion.y_t[0]), float(motion.psi_t[0]), 0.0)
-    model, data = plant.model, plant.data
+    model = plant.model
+    data = plant.data
     standing = data.qpos.copy()
     place = {
         name: int(model.joint(name).qposadr[0])
@@ -453,11 +460,13 @@ def recorded_samples(
         (Sensor.GNSS_TRACTOR, "", motion.x_t, motion.y_t),
         (Sensor.GNSS_TRAILER, "trailer_", motion.x_i, motion.y_i),
     ):
-        times, places = grid, np.column_stack([x_m, y_m])
+        times = grid
+        places = np.column_stack([x_m, y_m])
         if f"{body}x_m" in columns:
             places = np.column_stack([columns[f"{body}x_m"], columns[f"{body}y_m"]])
             known = np.isfinite(places).all(axis=1)
-            times, places = columns["time_s"][known], places[known]
+            times = columns["time_s"][known]
+            places = places[known]
             if not body and mapping.point == "antenna" and mapping.antenna_m:
                 yaw = np.interp(times, grid, motion.psi_t)
                 ahead, left, _ = mapping.antenna_m
@@ -515,12 +524,14 @@ def _sample_rows(samples: list[Measurement]) -> list[tuple[float, FloatArray]]:
 
 
 def _estimates(
-    scenario: Scenario, samples: list[Measurement], columns: Mapping[str, FloatArray], end_s: float
+    scenario: Scenario, content: _Content, end_s: float
 ) -> list[tuple[float, FloatArray, FloatArray]]:
     """Return time, row of `ESTIMATE` and row of `CONTROL` of every control tick.
 
     Commands are those of the record; unknown ones are NaN, and the filter holds the angles.
     """
+    samples = content.samples
+    columns = content.columns
     settings = scenario.controller
     if settings.estimator == TRUTH:
         raise UnreadableFile(f"controller.estimator: {TRUTH} needs a plant; choose another")

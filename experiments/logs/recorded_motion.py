@@ -22,6 +22,7 @@ COARSE_S: Final = 0.2
 
 _COURSE_M: Final = 0.5  # way over which the course of a track is taken, on either side
 _SMOOTH_S: Final = 0.2  # deviation of the bell over which a track is averaged for its course
+_MOVES_MPS: Final = 0.3  # below it a steering angle does not follow from a yaw rate
 _STANDS_MPS: Final = 0.05  # below it a course is not known
 _MOST_GAP_S: Final = 2.0  # between positions, or ten times the usual one; longer ones end a record
 
@@ -83,21 +84,8 @@ def recorded_motion(
     times = columns["time_s"]
     kept = np.isfinite(points).all(axis=1)
     at_s, place = _unique(times[kept], points[kept])
-    gap_s = np.diff(at_s)
-    usual_s = float(np.median(gap_s)) if len(gap_s) else 0.0
-    most_s = max(_MOST_GAP_S, 10.0 * usual_s)
-    if len(at_s) < 3 or (gap_s > most_s).any():
-        k = int(np.argmax(gap_s)) if len(gap_s) else 0
-        where = f"; the longest gap, {gap_s[k]:.1f} s, begins at {at_s[k]:.1f} s" if k else ""
-        raise UnreadableFile(
-            f"has {len(at_s)} positions with times; a record needs 3 or more, none later than "
-            f"{most_s:g} s after the one before{where} (--seconds FROM:TO takes a part)"
-        )
-    step_s = FINE_S if usual_s < 0.5 * COARSE_S else COARSE_S
-    count = math.floor((at_s[-1] - at_s[0]) / step_s + 1e-6) + 1
-    if count > MOST_ROWS:
-        raise UnreadableFile(f"lasts {at_s[-1] - at_s[0]:.0f} s, at most {step_s * MOST_ROWS:.0f}")
-    grid = at_s[0] + step_s * np.arange(count)
+    grid, usual_s = _grid_of(at_s)
+    step_s = grid[1] - grid[0]
     computed: list[str] = []
 
     x_m, y_m = _between(grid, at_s, place, usual_s)
@@ -108,7 +96,8 @@ def recorded_motion(
     smooth = gaussian_filter1d(x_m, width), gaussian_filter1d(y_m, width)
     psi_t = _yaw(columns, grid, *smooth, speed, reach_m, computed)
     if point == "antenna":
-        cos, sin = np.cos(psi_t), np.sin(psi_t)
+        cos = np.cos(psi_t)
+        sin = np.sin(psi_t)
         x_m = x_m - cos * antenna_m[0] + sin * antenna_m[1]
         y_m = y_m - sin * antenna_m[0] - cos * antenna_m[1]
     yaw_rate = _sampled(columns, "yaw_rate_radps", grid)
@@ -117,13 +106,11 @@ def recorded_motion(
     delta_t = _sampled(columns, "steering_rad", grid)
     if delta_t is None:
         computed.append("steering_tractor")
-        moving = np.where(np.abs(speed) < 0.3, np.inf, speed)
-        delta_t = np.arctan(vehicle.wheelbase * yaw_rate / moving)
-        delta_t = np.clip(delta_t, -vehicle.steering_limit_t, vehicle.steering_limit_t)
+        delta_t = _steering(vehicle, speed, yaw_rate)
     delta_i = _sampled(columns, "trailer_steering_rad", grid)
     if delta_i is None:
         computed.append("steering_trailer")
-        delta_i = np.zeros(count)
+        delta_i = np.zeros(len(grid))
     psi_i = _trailer_yaw(columns, grid, psi_t, delta_i, speed, yaw_rate, vehicle, computed)
     psi_d = psi_i + delta_i
     lengths = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
@@ -150,6 +137,39 @@ def recorded_motion(
         yaw_rate=yaw_rate,
         computed=tuple(computed),
     )
+
+
+def _grid_of(times: FloatArray) -> tuple[FloatArray, float]:
+    """Return the grid over the times of the positions, and the usual distance of these [s].
+
+    Raises:
+        UnreadableFile: there are too few positions, or a gap between them.
+    """
+    gap_s = np.diff(times)
+    usual_s = float(np.median(gap_s)) if len(gap_s) else 0.0
+    most_s = max(_MOST_GAP_S, 10.0 * usual_s)
+    if len(times) < 3 or (gap_s > most_s).any():
+        k = int(np.argmax(gap_s)) if len(gap_s) else 0
+        where = f"; the longest gap, {gap_s[k]:.1f} s, begins at {times[k]:.1f} s" if k else ""
+        raise UnreadableFile(
+            f"has {len(times)} positions with times; a record needs 3 or more, none later than "
+            f"{most_s:g} s after the one before{where} (--seconds FROM:TO takes a part)"
+        )
+    step_s = FINE_S if usual_s < 0.5 * COARSE_S else COARSE_S
+    lasts_s = times[-1] - times[0]
+    count = math.floor(lasts_s / step_s + 1e-6) + 1
+    if not 2 <= count <= MOST_ROWS:
+        raise UnreadableFile(
+            f"lasts {lasts_s:.1f} s, must be {step_s:g} s to {step_s * MOST_ROWS:.0f} s"
+        )
+    return times[0] + step_s * np.arange(count, dtype=np.float64), usual_s
+
+
+def _steering(vehicle: Vehicle, speed: FloatArray, yaw_rate: FloatArray) -> FloatArray:
+    """Return the front steering angle of a yaw rate, 0 of a vehicle that hardly moves."""
+    moving = np.where(np.abs(speed) < _MOVES_MPS, np.inf, speed)
+    angle = np.arctan(vehicle.wheelbase * yaw_rate / moving)
+    return np.clip(angle, -vehicle.steering_limit_t, vehicle.steering_limit_t)
 
 
 def _between(
@@ -236,7 +256,8 @@ def _yaw(
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x_m), np.diff(y_m)))])
     ahead = np.minimum(np.searchsorted(way, way + reach_m), len(grid) - 1)
     behind = np.maximum(np.searchsorted(way, way - reach_m) - 1, 0)
-    east, north = x_m[ahead] - x_m[behind], y_m[ahead] - y_m[behind]
+    east = x_m[ahead] - x_m[behind]
+    north = y_m[ahead] - y_m[behind]
     backwards = speed < 0.0
     course = np.arctan2(np.where(backwards, -north, north), np.where(backwards, -east, east))
     known = (np.hypot(east, north) > 0.5 * reach_m) & (np.abs(speed) > _STANDS_MPS)
@@ -272,7 +293,9 @@ def _trailer_yaw(
             return yaw + math.tau * turns
     if hitch is not None:
         return psi_t - hitch - delta_i
-    a, d, length = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    a = vehicle.hitch_offset
+    d = vehicle.drawbar_length
+    length = vehicle.trailer_length
     step_s = grid[1] - grid[0]
     rate_i = np.gradient(delta_i, step_s)
     psi_i = np.empty(len(grid))

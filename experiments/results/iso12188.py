@@ -150,7 +150,8 @@ def _straight_parts(
         end = begin + 1
         low = high = yaw[begin]
         while end < len(yaw):
-            low, high = min(low, yaw[end]), max(high, yaw[end])
+            low = min(low, yaw[end])
+            high = max(high, yaw[end])
             if high - low > 2.0 * _TURNED:
                 break
             end += 1

@@ -186,7 +186,8 @@ def _check_same_line(first: Path, one: Record, second: Path, other: Record) -> N
 def _farthest(points: FloatArray, line: FloatArray) -> float:
     """Return the largest distance of some of the points from a line [m]."""
     some = points[:: max(1, len(points) // 500)]
-    begin, piece = line[:-1], np.diff(line, axis=0)
+    begin = line[:-1]
+    piece = np.diff(line, axis=0)
     squared = np.maximum(np.sum(piece**2, axis=1), np.finfo(float).tiny)
     largest = 0.0
     for point in some:
