@@ -23,7 +23,7 @@ from ttempc.learning.window import RecordedTick
 from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
-from ...testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
+from ...testbed.recording.channels import CONTROL, MEASUREMENT, STATE
 from ...testbed.recording.record import NOT_MEASURED_KEY, Record
 from ..errors import InvalidReplay
 from ..scenario.scenario import Scenario
@@ -31,6 +31,7 @@ from .replay import ticks
 
 _PRIOR_SD: Final = 0.2  # of each length, relative; assumed
 _BLOCK_S: Final = 5.0  # over which errors of a mean are correlated; as of `fit_lengths`
+_STEP_S: Final = 0.002  # default step of the physics
 _MOVING_MPS: Final = 0.3
 _START_S: Final = 8.0  # left out: a start is no steady motion
 _SHORT_S: Final = 30.0  # of a log below which nothing is fitted
@@ -62,7 +63,10 @@ class VehicleFit:
         content: dict[str, Any] = {"plant": {"vehicle": {"file": vehicle_file}}}
         for parameter in self.parameters:
             for place in parameter.places:
-                _put(content, place.split("."), float(f"{parameter.value:.6g}"))
+                value = float(f"{parameter.value:.6g}")
+                if place.startswith("actuators."):  # of whole steps of the physics
+                    value = round(round(value / _STEP_S) * _STEP_S, 6)
+                _put(content, place.split("."), value)
         content["fit"] = {
             item.key: {"value": item.value, "sd": item.sd} for item in self.parameters
         }
@@ -107,12 +111,15 @@ _SYSTEMATIC: Final = (
     (-0.0188, -0.4903, 0.1437, 0.0250),
     (-0.0038, -0.0912, 0.0250, 0.0057),
 )
+_LARGEST_SD_S: Final = 0.1  # of a dead time that counts as known, as in a run
 # Errors of the same runs that the deviations of the regressions do not have in them
 _DEAD_TIME_SD_S: Final = 0.009
 _DEAD_TIME_BY_LAG_SD_S: Final = 0.015  # where the lag stays as given
 _LAG_SD_S: Final = 0.010
 _GAIN_SD: Final = 0.013  # relative
 _SLIP_SD_PCT: Final = 0.3
+_OFFSET_SD_DEG: Final = 0.1
+_RATIO_SD: Final = 0.03  # a command that moves slowly is not steady
 _NEEDED: Final = ("gnss_trailer", "steering_tractor", "steering_trailer", "hitch")
 
 
@@ -155,6 +162,9 @@ def fit_vehicle(record: Record, scenario: Scenario) -> VehicleFit:
         found = fit(record, not_measured)
         if found:
             fitted += found
+            for item in found:
+                if item.key == "speed_gain_mps":
+                    vehicle = replace(vehicle, speed_gain=item.value)
         else:
             missing.append(f"{name}: the log has too few samples or commands of it")
     return VehicleFit(tuple(fitted), vehicle, tuple(missing))
@@ -175,7 +185,7 @@ def _fit_actuators(
             missing.append(f"{name}: the log has no command, or no samples of {sensor}")
             continue
         fit = fit_actuator(window, vehicle, actuator)
-        if fit is None or not math.isfinite(fit.dead_time_sd):
+        if fit is None or not fit.dead_time_sd < _LARGEST_SD_S:
             missing.append(f"{name}: its commands change too little")
             continue
         model = f"controller.vehicle.{name}"
@@ -247,16 +257,27 @@ def _block_mean(times: FloatArray, values: FloatArray) -> tuple[float, float] | 
 
 
 def _steering_offset(record: Record, not_measured: Sequence[str]) -> list[Fitted]:
-    """Return the offset of the front steering, by which the tractor turns more than it shows.
+    """Return the measured front steering angle of a tractor that drives straight on.
 
-    The filter estimates it as a disturbance; it has that of side slip in it.
+    It is the intercept of the measured angle over the curvature, yaw rate over speed. Side slip is
+    in it; on curves to both sides it cancels.
     """
     if "steering_tractor" in not_measured:
         return []
-    table = record[ESTIMATE]
-    kept = (table.time_s > _START_S) & np.isfinite(table["steering_rad"])
-    found = _block_mean(table.time_s[kept], np.degrees(table["steering_rad"][kept]))
-    return [Fitted("front_offset_deg", *found)] if found else []
+    times, angle = _sensor(record, "steering_tractor_rad")
+    state = record[STATE]
+    speed = np.interp(times, state.time_s, state["v_mps"])
+    yaw_rate = np.interp(times, state.time_s, state["yaw_rate_t_radps"])
+    kept = (np.abs(speed) > _MOVING_MPS) & (times > _START_S)
+    if kept.sum() < 50:
+        return []
+    curvature = yaw_rate[kept] / speed[kept]
+    slope = np.cov(curvature, angle[kept])[0, 1] / np.var(curvature, ddof=1)
+    found = _block_mean(times[kept], np.degrees(angle[kept] - slope * curvature))
+    if not found:
+        return []
+    offset, sd = found
+    return [Fitted("front_offset_deg", offset, math.hypot(sd, _OFFSET_SD_DEG))]
 
 
 def _steering_ratio(record: Record, not_measured: Sequence[str]) -> list[Fitted]:
@@ -269,7 +290,8 @@ def _steering_ratio(record: Record, not_measured: Sequence[str]) -> list[Fitted]
     kept = np.isfinite(command) & (changes < math.radians(0.5)) & (times > _START_S)
     if kept.sum() < 50 or np.ptp(command[kept]) < math.radians(4.0):
         return []
-    return _slope("front_ratio", times[kept], command[kept], angle[kept])
+    found = _slope("front_ratio", times[kept], command[kept], angle[kept])
+    return [replace(item, sd=math.hypot(item.sd, _RATIO_SD)) for item in found]
 
 
 def _slope(key: str, times: FloatArray, x: FloatArray, y: FloatArray) -> list[Fitted]:
