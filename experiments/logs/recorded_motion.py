@@ -120,9 +120,7 @@ def recorded_motion(
     if trailer_points is None:
         computed.append("gnss_trailer")
     else:
-        kept = np.isfinite(trailer_points).all(axis=1)
-        trailer_s, place = _unique(times[kept], trailer_points[kept])
-        x_i, y_i = (np.interp(grid, trailer_s, values) for values in place.T)
+        x_i, y_i = _linear(grid, times, trailer_points)
     return RecordedMotion(
         time_s=grid,
         x_t=x_m,
@@ -183,6 +181,15 @@ def _between(
         return np.interp(grid, times, places[:, 0]), np.interp(grid, times, places[:, 1])
     x_m, y_m = CubicSpline(times, places)(grid).T
     return x_m, y_m
+
+
+def _linear(
+    grid: FloatArray, times: FloatArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return places between samples, some of which may be NaN."""
+    kept = np.isfinite(points).all(axis=1)
+    at_s, place = _unique(times[kept], points[kept])
+    return np.interp(grid, at_s, place[:, 0]), np.interp(grid, at_s, place[:, 1])
 
 
 def _unique(times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
