@@ -32,6 +32,7 @@ _DEMO_SIZE: Final = (640, 360)
     out("DIR", "default: a new one in runs/"),
     *options.CHANGES,
     options.CONTROLLER,
+    options.VEHICLE,
     options.SEED,
     json_of("the summary"),
     options.QUIET,

@@ -34,7 +34,7 @@ _COMMAND: Final = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 _SAME_TIME_S: Final = 1e-6
 _SCENARIO: Final = "scenario.toml"
 # Of samples that come at one moment, those of the IMUs come first, as from `SensorSuite`.
-_ORDER: Final = sorted(MEASUREMENT_COLUMNS, key=lambda sensor: not sensor.startswith("imu"))
+SAMPLE_ORDER: Final = sorted(MEASUREMENT_COLUMNS, key=lambda sensor: not sensor.startswith("imu"))
 
 
 def read_run(
@@ -121,7 +121,7 @@ def same_as_recorded(estimates: Sequence[Estimate], record: Record) -> bool:
 
 def _samples(row: list[float]) -> Iterator[Measurement]:
     """Yield the samples of a row of `MEASUREMENT`; the last column of each is its time."""
-    for sensor in _ORDER:
+    for sensor in SAMPLE_ORDER:
         *value, time_s = row[MEASUREMENT_COLUMNS[sensor]]
         if not math.isnan(time_s):
             status = value.pop() if sensor.startswith("gnss") else 0.0

@@ -99,15 +99,21 @@ _BINS: Final = 40
 _FEWEST: Final = 10  # times of a histogram
 
 
+def driven_path(record: Record) -> FloatArray:
+    """Return the true path of the tractor point, (n, 2) [m]."""
+    return record[STATE].columns(*position_fields("tractor"))
+
+
 def path_figure(record: Record) -> Figure:
     """Return the driven paths and the reference."""
     figure = blank(1.0)
     width_in = figure.get_figwidth()
-    extent = np.ptp(record[REFERENCE].columns(*position_fields("tractor")), axis=0)
+    reference = record[REFERENCE].columns(*position_fields("tractor"))
+    drawn = reference if np.isfinite(reference).any() else driven_path(record)
+    extent = np.nanmax(drawn, axis=0) - np.nanmin(drawn, axis=0)
     shape = float(np.clip(extent[1] / max(extent[0], 1e-9), _FLATTEST, _TALLEST))
     figure.set_figheight(shape * width_in + _TEXT_IN)
     axes = figure.subplots()
-    reference = record[REFERENCE].columns(*position_fields("tractor"))
     axes.plot(*reference.T, color=PALE, linewidth=3.0, label="reference")
     for body in BODIES:
         driven = record[STATE].columns(*position_fields(body))

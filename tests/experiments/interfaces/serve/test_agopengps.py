@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from proving_ground.experiments.interfaces.serve import agopengps as frames
 from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol
-from proving_ground.experiments.interfaces.serve.link import Refused, TickData
+from proving_ground.experiments.interfaces.serve.link import Refused, RunFacts, TickData
 
 from ttempc import Vehicle, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -98,12 +98,14 @@ def local_plane(latitude, longitude, origin):
 
 
 def test_samples_arrive_in_the_plane_of_agopengps():
-    origin = (50.86, 4.68)
-    protocol = AgOpenGpsProtocol(origin)
+    origin = (44.97, -93.26)
+    vehicle = Vehicle()
+    reference = Reference(straight(20.0), vehicle, ConstantSpeed(1.0))
+    protocol = AgOpenGpsProtocol()
+    protocol.begin(RunFacts("grass", 1, 0.2, 100, False, vehicle, origin), reference)
     vector = np.zeros(7)
     vector[State.PSI_T] = math.radians(120.0)
     estimate = Estimate(1.0, vector, np.zeros((7, 7)), np.zeros(2), 0.0)
-    vehicle = Vehicle()
     data = TickData(
         k=5,
         time_s=1.0,
@@ -114,7 +116,7 @@ def test_samples_arrive_in_the_plane_of_agopengps():
             Measurement(1.0, Sensor.IMU_TRACTOR, (0.1, math.radians(3.0), 0.0)),
         ],
         estimate=estimate,
-        reference=Reference(straight(20.0), vehicle, ConstantSpeed(1.0)),
+        reference=reference,
         reference_tick=5,
     )
     status, position = protocol.period(data)
