@@ -110,7 +110,7 @@ def _steering(
     """Return delta_i [rad] of a towed trailer at `places` and its derivative, None for another."""
     straight = np.zeros_like(places)
     stop = vehicle.steering_limit_i
-    if stop == 0.0:
+    if vehicle.is_plain:
         return straight, straight
     count = math.ceil(path.length_m / _CHECK_STEP_M) + 1
     try:
