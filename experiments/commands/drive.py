@@ -193,13 +193,15 @@ def _with_page(finished: Finished) -> Finished:
 
 def _print(finished: Finished, **further: Path) -> None:
     """Print the results; the last line names what to open."""
+    from ..results.mismatch import format_mismatch, mismatch_rows
     from ..results.table import format_events, format_run
 
     print(format_run(finished.summary))
     for line in format_events(finished.record.events, finished.files["report"].parent):
         print(line)
-    if finished.mismatch:
-        print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
+    given = ", ".join(map(str, finished.mismatch))
+    for line in format_mismatch(mismatch_rows(given, finished.summary.learnt)):
+        print(line)
     for note in finished.notes:
         print(f"{note[0].upper()}{note[1:]}")
     print()

@@ -37,6 +37,7 @@ from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.simulation.termination import TerminationLimits
 from ..errors import InvalidScenario
 from ..scenario.controller import TRUTH
+from ..scenario.mismatch import actuator_mismatch, sensor_mismatch
 from ..scenario.path import Mission
 from ..scenario.plant import ControlSettings, record_rate, record_steps
 from ..scenario.scenario import Scenario
@@ -217,7 +218,12 @@ def assemble(
         reference=judged,
         start=plant.snapshot(),
         ticks=plan.timetable.ticks,
-        mismatch=(*plan.vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
+        mismatch=(
+            *plan.vehicles.mismatch,
+            *actuator_mismatch(scenario.actuators, scenario.controller.vehicle),
+            *scenario.controller.noise.mismatch(scenario.sensors),
+            *sensor_mismatch(scenario.sensors),
+        ),
         notes=(
             *plan.mission.notes,
             *_on_trailer(vehicle, off_line_m),
