@@ -293,6 +293,8 @@ def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int],
     mission = scenario.mission()
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
+    if scenario.path.on_line == "working-point":
+        mission = mission.led_by(vehicle, scenario.path.max_deviation_m)
     terrain = make_terrain(scenario, seed)
     strength_map = scenario.soil.strength_map()
     _check_covered(mission.path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
