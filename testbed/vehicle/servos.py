@@ -31,7 +31,8 @@ _FRONT_TORQUE: Final = 3.6
 _FRONT_DEFLECTION: Final = 0.15  # [rad]
 _TRAILER_TORQUE: Final = 1.4
 _TRAILER_DEFLECTION: Final = 0.08  # [rad]
-_RIGID_DEFLECTION: Final = 0.01  # of a plain trailer, whose drawbar is welded to its frame [rad]; assumed
+# Of a plain trailer, whose drawbar is welded to its frame [rad]; assumed
+_RIGID_DEFLECTION: Final = 0.01
 # Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
 # implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
 _LINKAGE_TIME: Final = 1e-3  # [s]
