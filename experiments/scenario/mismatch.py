@@ -24,7 +24,8 @@ def actuator_mismatch(
     ideal = asdict(SteeringValve())
     for axis in _AXES:
         for key, value in asdict(getattr(plant, axis)).items():
-            name, assumed = f"actuators.{axis}.{key}", ideal[key]
+            name = f"actuators.{axis}.{key}"
+            assumed = ideal[key]
             if key == "dead_time_s":
                 name = f"{axis}_dead_time_s"
                 assumed = getattr(model, name)

@@ -94,7 +94,8 @@ class Mission:
         def suits(path: ReferencePath) -> bool:
             return is_comfortable(path, vehicle, fastest)
 
-        path, speed = leading_path(self.path, vehicle, max_deviation_m, suits), self.speed
+        path = leading_path(self.path, vehicle, max_deviation_m, suits)
+        speed = self.speed
         if isinstance(speed, Backward):
             speed = replace(speed, start_m=path.length_m)
         note = "path: the working point is on the line, the tractor leads it there"

@@ -115,7 +115,8 @@ def reverse_gains(
     length = vehicle.drawbar_length + vehicle.trailer_length
     turn = v / vehicle.wheelbase  # psi_t' per front steering
     integral, error, heading, fold = range(4)
-    a, b = np.zeros((len(v), 4, 4)), np.zeros((len(v), 4))
+    a = np.zeros((len(v), 4, 4))
+    b = np.zeros((len(v), 4))
     a[:, integral, error] = 1.0
     a[:, error, heading] = v
     a[:, heading, fold] = v / length
@@ -145,7 +146,8 @@ def speed_gains(speed: FloatArray, vehicle: Vehicle) -> PidGains:
 
     and e go to -1 / tau, as fast as the drive by itself. `speed` (N,) gives the number of ticks.
     """
-    tau, unit = vehicle.speed_time_constant, np.ones_like(speed) / vehicle.speed_gain
+    tau = vehicle.speed_time_constant
+    unit = np.ones_like(speed) / vehicle.speed_gain
     return PidGains(3.0 / tau * unit, 1.0 / tau**2 * unit, 2.0 * unit)
 
 
@@ -172,8 +174,11 @@ class PidFeedback(FeedbackLaw):
     """
 
     def __init__(self, course: ExactCourse, options: PidOptions) -> None:
-        self._course, grid = course, course.grid
-        vehicle, period_s, speed = course.vehicle, course.period_s, grid.state[:, State.V]
+        self._course = course
+        grid = course.grid
+        vehicle = course.vehicle
+        period_s = course.period_s
+        speed = grid.state[:, State.V]
         self._pushes = vehicle.reverse and vehicle.is_plain
         front = front_steering_gains(speed, vehicle, period_s, options)
         self._fold = np.zeros(len(speed))  # gain on lambda
@@ -198,10 +203,12 @@ class PidFeedback(FeedbackLaw):
     def resume(self, previous: object) -> None:
         """Keep the integral actions, see `ttempc.types.Controller.resume`."""
         if isinstance(previous, PidFeedback):
-            self._integrals, self._unlimited = previous._integrals, previous._unlimited
+            self._integrals = previous._integrals
+            self._unlimited = previous._unlimited
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        course, grid = self._course, self._course.grid
+        course = self._course
+        grid = self._course.grid
         point = trailer_point(estimate.state, course.vehicle)
         z_e = tracking_error(estimate.state, point, grid.state[k], grid.trailer_xy[k])
         error = -np.array([z_e[Error.Y_T], z_e[Error.Y_I], z_e[Error.X_T]])
@@ -211,7 +218,8 @@ class PidFeedback(FeedbackLaw):
         )
         fold = z_e[Error.PSI_I] - z_e[Error.PSI_T]  # lambda less that of the reference
         if self._pushes:
-            error[Input.DELTA_T], rate[Input.DELTA_T] = error[Input.DELTA_I], rate[Input.DELTA_I]
+            error[Input.DELTA_T] = error[Input.DELTA_I]
+            rate[Input.DELTA_T] = rate[Input.DELTA_I]
         growth = -self._integral[k] * error * course.period_s
         winding_up = ((self._unlimited - sent) * growth > 0.0) | (np.abs(error) > self._capture[k])
         error = np.clip(error, -self._capture[k], self._capture[k])

@@ -78,7 +78,7 @@ class Dialect(Enum):
 
 
 class _WebStatus(IntFlag):
-    """Bits of the status of PGN 254 in AgOpenWeb (`BuildAutoSteerPgn`)."""
+    """Bits of the status of PGN 254 in AgOpenWeb (BuildAutoSteerPgn)."""
 
     STEER_SWITCH = 1
     WORK_SWITCH = 2
@@ -91,7 +91,7 @@ _MAY_START: Final = _WebStatus.ENGAGED | _WebStatus.GNSS_VALID | _WebStatus.GUID
 """Without the last two, AgOpenWeb is in its test of the motor."""
 
 # Switches of PGN 253 that let nothing happen: in AgOpenGPS both are low when closed
-# (CModuleComm.cs), in AgOpenWeb the steer switch is on where bit 1 is set (`TryParseSteerData`).
+# (CModuleComm.cs), in AgOpenWeb the steer switch is on where bit 1 is set (TryParseSteerData).
 _SWITCHES_OPEN: Final = {Dialect.AGOPENGPS: 0b11, Dialect.AGOPENWEB: 0b01}
 
 # Periods after the first PGN 254 that a program is listened to before it counts as AgOpenGPS. Both
@@ -117,7 +117,9 @@ def parse(datagram: bytes) -> tuple[int, bytes]:
     declared = _SHORTEST + datagram[4] if len(datagram) > 4 else _SHORTEST
     if len(datagram) != declared:
         raise Refused(f"a frame of {len(datagram)} bytes, must have {declared} by its header")
-    number, sent, expected = datagram[3], datagram[-1], sum(datagram[2:-1]) % 256
+    number = datagram[3]
+    sent = datagram[-1]
+    expected = sum(datagram[2:-1]) % 256
     if number not in _WITHOUT_CHECKSUM and sent != expected:
         raise Refused(f"PGN {number}: checksum {sent:02x}, must be {expected:02x}")
     return number, datagram[5:-1]

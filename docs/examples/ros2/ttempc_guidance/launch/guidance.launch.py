@@ -1,4 +1,4 @@
-"""Start the node; `ros2 lifecycle set /ttempc_guidance configure`, then `activate`, drives."""
+"""Start the node, which drives once it is configured and active."""
 
 from pathlib import Path
 

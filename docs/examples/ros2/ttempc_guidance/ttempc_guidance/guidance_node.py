@@ -105,7 +105,7 @@ class GuidanceNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget guidance and topics; `configure` makes others."""
+        """Forget guidance and topics; the next configuration makes others."""
         del state
         for subscription in self.inputs:
             self.destroy_subscription(subscription)
