@@ -16,7 +16,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ttempc import Guidance, Measurement, Sensor, Vehicle, smooth
+from ttempc import Guidance, GuidanceSettings, Measurement, Sensor, Vehicle, smooth
 from ttempc.errors import TtempcError
 
 ANGLES = {
@@ -72,7 +72,7 @@ class GuidanceNode(LifecycleNode):
                 smooth(points, self.value("max_deviation_m")).path,
                 self.value("period_s"),
                 self.value("controller"),
-                speed_mps=self.value("speed_mps"),
+                settings=GuidanceSettings(speed_mps=self.value("speed_mps")),
             )
         except (TtempcError, ValueError) as error:
             self.get_logger().error(str(error))
