@@ -363,6 +363,7 @@ def input_statistics(record: Record) -> InputsStatistics:
         low = table[f"{name}_min"] + _AT_BOUND
         high = table[f"{name}_max"] - _AT_BOUND
         saturated = (command <= low) | (command >= high) | (table[f"{name}_limited"] > 0.5)
+        saturated &= table[f"{name}_max"] > table[f"{name}_min"]  # a plain trailer has no steering
         steps = np.diff(command)
         travel = _number(np.abs(steps).sum() / driven_m) if driven_m else None
         return InputStatistics(_mean(saturated), _rms(steps / np.diff(table.time_s)), travel)

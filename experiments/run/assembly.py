@@ -37,6 +37,7 @@ from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.simulation.termination import TerminationLimits
 from ..errors import InvalidScenario
 from ..scenario.controller import TRUTH
+from ..scenario.mismatch import actuator_mismatch, sensor_mismatch
 from ..scenario.path import Mission
 from ..scenario.plant import ControlSettings, record_rate, record_steps
 from ..scenario.scenario import Scenario
@@ -217,7 +218,12 @@ def assemble(
         reference=judged,
         start=plant.snapshot(),
         ticks=plan.timetable.ticks,
-        mismatch=(*plan.vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
+        mismatch=(
+            *plan.vehicles.mismatch,
+            *actuator_mismatch(scenario.actuators, scenario.controller.vehicle),
+            *scenario.controller.noise.mismatch(scenario.sensors),
+            *sensor_mismatch(scenario.sensors),
+        ),
         notes=(
             *plan.mission.notes,
             *_on_trailer(vehicle, off_line_m),
@@ -287,6 +293,8 @@ def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int],
     mission = scenario.mission()
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
+    if scenario.path.on_line == "working-point":
+        mission = mission.led_by(vehicle, scenario.path.max_deviation_m)
     terrain = make_terrain(scenario, seed)
     strength_map = scenario.soil.strength_map()
     _check_covered(mission.path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")

@@ -21,7 +21,7 @@ from ....testbed.recording.channels import (
     TUBE,
     TYRES,
 )
-from ....testbed.recording.record import Record, Table, fault_spans
+from ....testbed.recording.record import LEARNT, Record, Table, fault_spans
 from ...results.summary import solver_statistics
 from ...results.tracking_errors import (
     BODIES,
@@ -147,6 +147,7 @@ def error_figure(record: Record) -> Figure:
     for axes, (body, error) in zip(rows, errors.by_point.items(), strict=True):
         shade_errors(axes, errors.time_s, errors)
         mark_faults(axes, fault_spans(record.events), float(errors.time_s[-1]))
+        _mark_learnt(axes, record)
         colour = BODY_COLOURS[body]
         axes.plot(errors.time_s, 100 * error.euclidean_m, color=colour, linewidth=1.0)
         dress(axes, "", f"{body} error [cm]")
@@ -156,6 +157,16 @@ def error_figure(record: Record) -> Figure:
     rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
     label_below(rows[-1], _TIME_OF_ERRORS)
     return figure
+
+
+def _mark_learnt(axes: Axes, record: Record) -> None:
+    """Mark the times at which a learnt model came to act, the first one with a word."""
+    times = [event.time_s for event in record.events if event.text.startswith(LEARNT)]
+    for time_s in times:
+        axes.axvline(time_s, color=GREY, linewidth=1.0, linestyle=":")
+    if times:
+        place = axes.get_xaxis_transform()  # time, and height as a share of the axes
+        axes.text(times[0], 0.02, " learnt", transform=place, color=GREY, va="bottom")
 
 
 def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:

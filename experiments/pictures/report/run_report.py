@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from ....testbed.recording.record import Record
+from ...results.mismatch import mismatch_rows
 from ...results.summary import Summary
 from ...results.table import COLUMNS, format_corridor, format_line
 from ...results.tracking_errors import START_UP_S
@@ -67,10 +68,8 @@ def render_run_report(
         start_up_s=START_UP_S,
         columns=list(_COLUMNS),
         errors=_errors(summary),
-        facts=[
-            *_facts(summary),
-            ("parameter mismatch", record.metadata.get("mismatch", "unknown")),
-        ],
+        facts=_facts(summary),
+        mismatch=mismatch_rows(record.metadata.get("mismatch", ""), summary.learnt),
         description=description,
         dated=_dated(record.metadata),
         files=[*([summary.log] if summary.log else []), *files],
