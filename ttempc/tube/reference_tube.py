@@ -390,8 +390,8 @@ def reachable_inputs(
     for first in range(0, len(gains), _BLOCK):
         at = np.arange(first, min(first + _BLOCK, len(gains)))
         backwards = reach_backwards(system, disturbance, at, rows[at], rates=slice(m + 1, None))
-        for j, (completed, energy, _) in zip(range(1, horizon), backwards, strict=False):
-            half[j, at] = completed + disturbance.reach(energy)
+        for j, reach in zip(range(1, horizon), backwards, strict=False):
+            half[j, at] = reach.completed + disturbance.reach(reach.energy)
     return half[..., :m], half[..., m + 1 :], half[..., m]
 
 
