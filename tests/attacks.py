@@ -549,8 +549,9 @@ def peers(folder):
     def driven(beside=None, change=lambda k, made: made, **pace):
         line, ticks = test_session.AgOpenGps(0.1), count()
         return test_session.drive(
-            lambda datagram: change(next(ticks), line(datagram)), AgOpenGpsProtocol(Dialect.AGOPENGPS), first=(off,),
-            beside=beside, settings=SessionSettings(wait_s=5.0, **pace or {"lockstep": True}),
+            lambda datagram: change(next(ticks), line(datagram)),
+            AgOpenGpsProtocol(Dialect.AGOPENGPS), first=(off,), beside=beside,
+            settings=SessionSettings(wait_s=5.0, **pace or {"lockstep": True}),
         )  # fmt: skip
 
     def squatted(payloads, sockets, again):
