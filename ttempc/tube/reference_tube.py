@@ -167,7 +167,7 @@ class TubeDesign:
     def differing(self, vehicle: Vehicle, period_s: float) -> str:
         """Return the values that differ from the design's, as a text; empty where none does.
 
-        The fields of a tool are not compared: a tube file does not store them.
+        The fields of a tool are not compared: a tube file may leave them out.
         """
         pairs = [("period_s", self.period_s, period_s)]
         for item in fields(Vehicle):
