@@ -274,9 +274,9 @@ def calls() -> list[Figure]:
     guidance = counts.pop("update") + counts.pop("step")
     own = sum(counts.values())
     return [
-        Figure("Python calls of `Guidance.update` and `step`", guidance, most=60.0),
-        Figure("Python calls of the loop beside them", own, most=60.0),
-        Figure("Python calls of a whole period", guidance + own, most=150.0),
+        Figure("Python calls of `Guidance.update` and `step`", guidance),
+        Figure("Python calls of the loop beside them", own),
+        Figure("Python calls of a whole period", guidance + own),
     ]
 
 

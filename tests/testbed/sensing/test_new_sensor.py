@@ -73,7 +73,7 @@ from proving_ground.testbed.recording.channels import MEASUREMENT
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from proving_ground.testbed.sensing.sensors import SensorSuite
 from tests.testbed.truths import moments, truth
-from ttempc import Guidance, Vehicle
+from ttempc import Guidance, GuidanceSettings, Vehicle
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.layout import InnovationColumn
 from ttempc.reference.path import straight
@@ -98,7 +98,8 @@ def drive(radar):
     suite = SensorSuite(specification, 0.002, 3, np.zeros((2, 3)))
     ekf, squares, no_command = ExtendedKalmanFilter(VEHICLE, noise), [], np.full(3, np.nan)
     rows, _ = suite.sample(block(0, 1), 0, 20)
-    guidance = Guidance(VEHICLE, straight(30.0), sensor_noise=noise, learn=False)
+    settings = GuidanceSettings(sensor_noise=noise, learn=False)
+    guidance = Guidance(VEHICLE, straight(30.0), settings=settings)
     for tick in range(15):
         estimate, innovations = ekf.observe(0.2 * tick, rows, no_command)
         radars = innovations[innovations[:, InnovationColumn.SENSOR] == SensorIndex.RADAR]
