@@ -148,7 +148,7 @@ class SolverStatistics:
     needed_solver: int  # with an active bound; the others are answered in closed form
     soft: int  # of which a soft bound was active
     rejected: int  # without an accepted solution
-    iterations_max: int
+    iterations_max: float | None
     primal_residual_max: float | None  # of the accepted ones; None where the solver reports none
     dual_residual_max: float | None
 
@@ -423,7 +423,7 @@ def solver_statistics(record: Record) -> SolverStatistics | None:
         needed_solver=int(needed.sum()),
         soft=int((status == SOLVER_STATUSES.index("solved with soft bounds")).sum()),
         rejected=int((has_problem & ~accepted).sum()),
-        iterations_max=int(table["iterations"][has_problem].max()),
+        iterations_max=_percentile(table["iterations"][has_problem], 100.0),
         primal_residual_max=_percentile(primal, 100.0),
         dual_residual_max=_percentile(dual, 100.0),
     )

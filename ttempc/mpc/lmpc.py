@@ -200,7 +200,7 @@ class CondensedHorizon(Shared):
         )
 
     def problem(self, work: Work) -> QP:
-        """Return the QP of the tick that its kernels have left in `work`, without soft rows."""
+        """Return the QP without soft rows, whose arrays are those of `work`."""
         return QP(
             hessian=work.hessian,
             gradient=work.gradient,
@@ -289,6 +289,7 @@ class LinearMpc:
         self.horizon = horizon
         self.work = horizon.work()
         self.preparing = self.work.with_shared_matrices()
+        self._problem = horizon.problem(self.work)
         self._solver = CheckedSolver(horizon.solver)
 
     def step(
@@ -321,7 +322,7 @@ class LinearMpc:
 
         first = None  # report of the solve without soft rows
         if outcome != SOFT_BOUND_ACTIVE:
-            solution = self._solver.solve_bounded(self.horizon.problem(work))
+            solution = self._solver.solve_bounded(self._problem)
             if solution.x is None:
                 work.steps[:] = 0.0
                 return solution.report, None

@@ -198,35 +198,33 @@ _STEP_SHARE: Final = 0.999
 
 
 class PiqpSolver:
-    """Proximal interior-point method (Schwan, Jiang, Kuhn and Jones 2023), without memory.
+    """Proximal interior-point method (Schwan, Jiang, Kuhn and Jones 2023).
 
-    Each problem is set up anew. That costs a few microseconds more than an update of a solver that
-    is kept, and a result depends on its problem alone.
+    It starts every problem from its own initial point, so that a result depends on its problem
+    alone. For problems with the same rows, an array that does not change, one solver is updated.
     """
+
+    def __init__(self) -> None:
+        self._solver: piqp.DenseSolver | None = None
+        self._matrix: FloatArray | None = None  # of the rows in the solver
 
     def solve(self, qp: QP, *, is_soft: bool) -> tuple[FloatArray, SolverReport]:
         """Return the last iterate (n,) and PIQP's report; `is_soft`: some unknowns are slacks."""
-        solver = piqp.DenseSolver()
-        settings = solver.settings
-        settings.eps_abs = _TOLERANCE
-        settings.eps_rel = _TOLERANCE
-        settings.eps_duality_gap_abs = _TOLERANCE
-        settings.eps_duality_gap_rel = _TOLERANCE
-        if not is_soft:
-            settings.tau = _STEP_SHARE
-        # Ruiz's iterations cost a fifth of a solve and make these small QPs no more accurate.
-        settings.preconditioner_iter = 0
-        settings.compute_timings = True
-        has_rows = len(qp.matrix) > 0
-        solver.setup(
-            P=qp.hessian.T,  # symmetric; the transpose has the column order of PIQP
-            c=qp.gradient,
-            G=np.asfortranarray(qp.matrix) if has_rows else None,
-            h_l=qp.row_lower if has_rows else None,
-            h_u=qp.row_upper if has_rows else None,
-            x_l=qp.lower,
-            x_u=qp.upper,
-        )
+        if self._solver is not None and qp.matrix is self._matrix:
+            solver = self._solver
+            solver.update(
+                P=qp.hessian.T,  # symmetric; the transpose has the column order of PIQP
+                c=qp.gradient,
+                h_l=qp.row_lower,
+                h_u=qp.row_upper,
+                x_l=qp.lower,
+                x_u=qp.upper,
+            )
+        else:
+            solver = _set_up(qp, is_soft=is_soft)
+            if not is_soft and len(qp.matrix):
+                self._solver = solver
+                self._matrix = qp.matrix
         status = solver.solve()
 
         info = solver.result.info
@@ -236,11 +234,37 @@ class PiqpSolver:
             status=solved if accepted else status.name.removeprefix("PIQP_").lower(),
             accepted=accepted,
             iterations=info.iter,
-            solve_time_s=info.setup_time + info.solve_time,
+            solve_time_s=info.solve_time,
             primal_residual=info.primal_res,
             dual_residual=info.dual_res,
         )
         return solver.result.x.copy(), report
+
+
+def _set_up(qp: QP, *, is_soft: bool) -> piqp.DenseSolver:
+    """Return a solver with the problem and the settings."""
+    solver = piqp.DenseSolver()
+    settings = solver.settings
+    settings.eps_abs = _TOLERANCE
+    settings.eps_rel = _TOLERANCE
+    settings.eps_duality_gap_abs = _TOLERANCE
+    settings.eps_duality_gap_rel = _TOLERANCE
+    if not is_soft:
+        settings.tau = _STEP_SHARE
+    # Ruiz's iterations cost a fifth of a solve and make these small QPs no more accurate.
+    settings.preconditioner_iter = 0
+    settings.compute_timings = True
+    has_rows = len(qp.matrix) > 0
+    solver.setup(
+        P=qp.hessian.T,  # symmetric, as above
+        c=qp.gradient,
+        G=np.asfortranarray(qp.matrix) if has_rows else None,
+        h_l=qp.row_lower if has_rows else None,
+        h_u=qp.row_upper if has_rows else None,
+        x_l=qp.lower,
+        x_u=qp.upper,
+    )
+    return solver
 
 
 _SETTINGS: Final = MappingProxyType({"primal_tol": 1e-11, "dual_tol": 1e-12})

@@ -13,7 +13,7 @@ from proving_ground.experiments.results.table import (
     centimetres,
     format_run,
 )
-from proving_ground.testbed.recording.channels import CONTROL, STATE
+from proving_ground.testbed.recording.channels import CONTROL, SOLVER, STATE
 from proving_ground.testbed.recording.record import REACTION, REACTION_ENDED, Event, Record
 
 from tests.records import circle, eight, record, straight, table_of
@@ -50,6 +50,23 @@ def test_a_constant_error_is_its_own_statistic():
                 if where == none:
                     expected = dict.fromkeys(ERROR_KEYS)
                 assert asdict(error) == pytest.approx(expected, abs=1e-9)
+
+
+def test_qps_are_counted_by_who_answered_them():
+    """Ten ticks: no QP, six in closed form, one solved, one with soft bounds, one rejected."""
+    run = record()
+    columns = {
+        "status": np.array([math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 4.0]),
+        "accepted": np.array([math.nan, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]),
+        "iterations": np.array([math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 9.0, 14.0, 250.0]),
+        "primal_residual": np.array([math.nan, *np.zeros(6), 1e-15, 3e-15, 1.0]),
+        "dual_residual": np.array([math.nan, *np.zeros(6), 2e-13, 1e-13, 1.0]),
+    }
+    solver = summarise(with_table(run, table_of(SOLVER, np.arange(10.0), columns)), FACTS).solver
+    assert (solver.ticks, solver.needed_solver, solver.soft, solver.rejected) == (9, 3, 1, 1)
+    assert solver.iterations_max == 250
+    assert (solver.primal_residual_max, solver.dual_residual_max) == (3e-15, 2e-13)
+    assert summarise(run, FACTS).solver is None
 
 
 def test_errors_are_invariant_to_translation_and_rotation_of_the_map():

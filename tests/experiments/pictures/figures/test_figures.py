@@ -13,6 +13,7 @@ from proving_ground.testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
     REFERENCE,
+    SOLVER,
     STATE,
     TIMING,
     TOOL,
@@ -103,6 +104,22 @@ def test_the_timing_figure_counts_every_control_period(run):
     assert sum(patch.get_height() for patch in axes.patches) == len(time_us)
     median, p99 = (one.get_xdata()[0] for one in axes.lines)
     assert (median, p99) == pytest.approx(tuple(np.percentile(time_us, [50.0, 99.0])))
+
+
+@pytest.mark.parametrize(
+    ("status", "text"),
+    [
+        ([0.0, 0.0, 1.0], "1 of 3 ticks needed the solver"),
+        ([0.0, 0.0, 0.0], "0 of 3 ticks needed the solver"),
+        ([np.nan] * 3, "the controller solves no QP"),
+    ],
+)
+def test_the_timing_figure_says_how_many_ticks_needed_the_solver(run, status, text):
+    table = table_of(SOLVER, np.arange(3.0), {"status": np.array(status)})
+    with_qps = replace(run, tables={**run.tables, SOLVER.topic: table})
+    axes = FIGURES["timing"](with_qps).axes
+    titles = [" ".join(each.get_title(loc="left").split()) for each in axes]  # lines are broken
+    assert f"QP solve: {text}" in titles
 
 
 def test_the_tube_figure_shows_offsets_to_the_left_and_the_margin(run):
