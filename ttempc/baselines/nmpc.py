@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import check_choice, check_count
-from ..laws.articulated_mpc import MpcOptions
+from ..laws.options import MpcOptions
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..mpc.articulated_error import PredictedPath, error_state, map_gains, remaining_bounds
 from ..mpc.lmpc import HorizonTuning, Solver, move_bounds

@@ -60,12 +60,12 @@ CONTROLLERS: Final = MappingProxyType(
             tube="optional",
         ),
         "ttempc-nominal": ControllerEntry(
-            "ttempc without its robust law",
+            "ttempc without its robust law and its tube",
             "laws.articulated_mpc articulated_controller NominalOptions",
         ),
         "ttempc-tube": ControllerEntry(
             "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",
-            "laws.articulated_mpc tube_controller MpcOptions",
+            "laws.tube_mpc tube_controller MpcOptions",
             tube="required",
         ),
         "paper": ControllerEntry(

@@ -1,6 +1,7 @@
 """Articulated error model along a reference: dynamics, state and input bounds."""
 
 import math
+from enum import IntEnum
 from typing import Final
 
 import numpy as np
@@ -85,8 +86,21 @@ def write_path(
                 path[j, p] -= to_map[k + 1 + j, p, q] * error[q]
 
 
+class Output(IntEnum):
+    """Rows of the outputs C z: position errors in the frames of the reference [m].
+
+    The weights of the MPC are in this order, `HorizonTuning.output_weight`.
+    """
+
+    TRACTOR_ALONG = 0
+    TRACTOR_ACROSS = 1  # positive: the tractor point is to the right of its reference
+    TRAILER_ALONG = 2
+    TRAILER_ACROSS = 3
+
+
 _N, _M, _D = len(State), len(Input), len(Disturbance)
-_SIZE = _N + _D + len(MapDisturbance)
+_MAPPED = len(MapDisturbance)
+_SIZE = _N + _D + _MAPPED
 _DISTURBANCES: Final = [AugmentedState[item.name] for item in Disturbance][:-1]
 
 
@@ -158,47 +172,95 @@ def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
     )
 
 
+REFERENCE_ERROR: Final = np.dtype(
+    [
+        ("z_e", "f8", len(State)),  # T (z_r - z): x, y in the frame of the reference tractor
+        ("disturbance", "f8", len(Disturbance)),  # s, body-fixed
+        ("map_disturbance", "f8", len(MapDisturbance)),  # m, map-fixed
+    ]
+)
+"""State (16,) of the error model, see `error_dynamics`.
+
+z_e is in the order of `State`, in the frame of the reference. The error of the supervisor,
+`TICK.tracking`, is another one: of both axle points, in the frames of the vehicle's bodies."""
+
+
 def error_state(reference: FloatArray, estimate: Estimate, vehicle: Vehicle) -> FloatArray:
     """Return (z_e, s, m) of `error_dynamics`, (16,), for the state (7,) of the reference."""
     error = np.empty(_SIZE)
-    of_vehicle = vehicle.wheelbase, vehicle.speed_time_constant
-    write_error(reference, estimate_row(estimate), *of_vehicle, error)
+    row = estimate_row(estimate)
+    write_reference_error(reference, row, vehicle.wheelbase, vehicle.speed_time_constant, error)
     return error
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True, inline="always")
-def write_error(
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def write_reference_error(
     reference: FloatArray,
     estimate: FloatArray,
     wheelbase: float,
     time_constant: float,
     error: FloatArray,
 ) -> None:
-    """Do `error_state` for a record `ESTIMATE`, with L_t [m] and tau [s] of the vehicle."""
+    """Write the `REFERENCE_ERROR` of a record `ESTIMATE`, with L_t [m] and tau [s]."""
     e = record(estimate, ESTIMATE)
-    x, on_map, disturbance = e.state, e.map_disturbance, e.disturbance
-    dx, dy = reference[0] - x[0], reference[1] - x[1]
-    cos, sin = math.cos(reference[2]), math.sin(reference[2])
-    error[0], error[1] = cos * dx + sin * dy, cos * dy - sin * dx
-    for i in range(2, _N):
+    x = e.state
+    result = record(error, REFERENCE_ERROR)
+    z_e = result.z_e
+
+    # positions: from the map frame into that of the reference tractor
+    dx = reference[State.X] - x[State.X]
+    dy = reference[State.Y] - x[State.Y]
+    cos = math.cos(reference[State.PSI_T])
+    sin = math.sin(reference[State.PSI_T])
+    z_e[State.X] = cos * dx + sin * dy
+    z_e[State.Y] = cos * dy - sin * dx
+    for i in range(State.PSI_T, _N):
         rest = reference[i] - x[i]
-        error[i] = rest - (math.tau * math.floor(rest / math.tau + 0.5) if i < 4 else 0.0)
-    # body-fixed and map-fixed part of the disturbance, see `map_disturbance_gain`
-    cos, sin, v = math.cos(x[2]), math.sin(x[2]), x[6]
-    gear, yaw_rate = math.copysign(1.0, v), v * math.tan(x[4] + disturbance[2]) / wheelbase
-    by_x = -v * (cos / time_constant - yaw_rate * sin)
-    by_y = -v * (sin / time_constant + yaw_rate * cos)
-    of_map = (
-        gear * (on_map[1] * cos - on_map[0] * sin),
-        gear * (on_map[1] * math.cos(x[3]) - on_map[0] * math.sin(x[3])),
-        0.0,
-        gear * (by_x * on_map[2] + by_y * on_map[3]),
-        gear * (cos * on_map[2] + sin * on_map[3]),
-    )
+        turns = math.tau * math.floor(rest / math.tau + 0.5) if i <= State.PSI_I else 0.0
+        z_e[i] = rest - turns
+
+    # the map-fixed part of the disturbance, and what remains body-fixed
+    write_map_part(x, e.map_disturbance, e.disturbance, wheelbase, time_constant, error)
     for i in range(_D):
-        error[_N + i] = disturbance[i] - of_map[i]
-    for i in range(4):
-        error[_N + _D + i] = on_map[i]
+        result.disturbance[i] = e.disturbance[i] - result.disturbance[i]
+    for i in range(_MAPPED):
+        result.map_disturbance[i] = e.map_disturbance[i]
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def write_map_part(
+    x: FloatArray,
+    on_map: FloatArray,
+    disturbance: FloatArray,
+    wheelbase: float,
+    time_constant: float,
+    error: FloatArray,
+) -> None:
+    """Write what a map disturbance (4,) is in the vehicle's frame, see `map_disturbance_gain`.
+
+    It goes into `REFERENCE_ERROR.disturbance`.
+    """
+    part = record(error, REFERENCE_ERROR).disturbance
+    v = x[State.V]
+    gear = math.copysign(1.0, v)
+    yaw_rate = v * math.tan(x[State.DELTA_T] + disturbance[Disturbance.STEERING]) / wheelbase
+    cos = math.cos(x[State.PSI_T])
+    sin = math.sin(x[State.PSI_T])
+    cos_i = math.cos(x[State.PSI_I])
+    sin_i = math.sin(x[State.PSI_I])
+    side_x = on_map[MapDisturbance.SIDE_X]
+    side_y = on_map[MapDisturbance.SIDE_Y]
+    climb_x = on_map[MapDisturbance.CLIMB_X]
+    climb_y = on_map[MapDisturbance.CLIMB_Y]
+
+    # wheel slip that turns with the heading is an acceleration by the drive
+    drive_by_x = -v * (cos / time_constant - yaw_rate * sin)
+    drive_by_y = -v * (sin / time_constant + yaw_rate * cos)
+    part[Disturbance.SLIP_T] = gear * (side_y * cos - side_x * sin)
+    part[Disturbance.SLIP_I] = gear * (side_y * cos_i - side_x * sin_i)
+    part[Disturbance.STEERING] = 0.0
+    part[Disturbance.DRIVE] = gear * (drive_by_x * climb_x + drive_by_y * climb_y)
+    part[Disturbance.WHEEL] = gear * (cos * climb_x + sin * climb_y)
 
 
 def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:
@@ -215,7 +277,7 @@ def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBou
     )
 
 
-_ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and trailer point
+_ACROSS: Final = (Output.TRACTOR_ACROSS, Output.TRAILER_ACROSS)
 
 
 def damped(

@@ -11,7 +11,7 @@ from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.horizons import qp_of
 from ttempc.baselines.lqr import LqrOptions, step_gains
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_mpc import MpcOptions
+from ttempc.laws.options import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.lmpc import CondensedHorizon
 from ttempc.reference.path import figure_eight, straight

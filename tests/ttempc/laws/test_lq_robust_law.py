@@ -10,21 +10,20 @@ import numpy as np
 import pytest
 
 from tests.ttempc.tubes import DESIGN, REFERENCE, VEHICLE
-from ttempc.laws.articulated_law import (
+from ttempc.laws.articulated_mpc import articulated_controller
+from ttempc.laws.law_records import (
+    GAIN_SCHEDULE,
     LAW,
     MEMORY,
+    MODELLING_ERROR,
     ONE_STEP,
-    POINT,
+    TUBE_REPORT,
     law_of,
-    report_tube,
-    robust_part,
+    new_memory,
 )
-from ttempc.laws.articulated_mpc import (
-    ArticulatedOptions,
-    MpcOptions,
-    articulated_controller,
-    robust_gains,
-)
+from ttempc.laws.options import ArticulatedOptions, MpcOptions
+from ttempc.laws.parts import robust_gains
+from ttempc.laws.robust_action import report_tube, write_robust_action
 from ttempc.layout import TICK, new_tick
 from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import error_dynamics, error_state
@@ -60,12 +59,11 @@ class RobustPart:
             Vehicle(),
             TICKS,
             gains=robust_gains(a, b, c, tuning.input_weight) / np.array(tuning.saturation)[:, None],
-            limit=np.array(tuning.saturation),
+            saturation=np.array(tuning.saturation),
             forgetting=math.exp(-PERIOD_S / tuning.memory_s),
         )
-        self.memory = np.zeros(MEMORY.itemsize // 8)
+        self.memory = new_memory()
         self.record = self.memory.view(MEMORY)[0]
-        self.record["last"] = -2
 
     def step(self, k, error, previous):
         """Return action, modelling error, and the error on which the MPC acts."""
@@ -74,14 +72,16 @@ class RobustPart:
         work.previous[:] = previous
         tick = new_tick()
         self.record["fallback"], self.record["previous"] = 0.0, previous
-        robust_part(k, self.law, self.stages, self.memory, work, tick)
-        modelling_error = tick.view(TICK)[0]["tracking"][7:]
+        write_robust_action(k, self.law, self.stages, self.memory, work, tick)
+        modelling_error = tick.view(TICK)[0]["tracking"][MODELLING_ERROR:]
         return self.record["action"].copy(), modelling_error, work.state
 
     def sent(self, k, mpc_state, feedback):
         record = self.record
-        record["last"], record["state"], record["feedback"] = k, mpc_state, feedback
-        record["coming"] = self.stages.a[k] @ mpc_state + self.stages.b[k] @ feedback
+        record["last_tick"] = k
+        record["error"] = mpc_state
+        record["feedback"] = feedback
+        record["next_nominal"] = self.stages.a[k] @ mpc_state + self.stages.b[k] @ feedback
 
 
 def test_action_stays_within_its_authority():
@@ -118,8 +118,8 @@ def test_autocorrelation_is_the_correlation_of_a_signal_with_its_past():
     law, signal = RobustPart(ArticulatedOptions(memory_s=20.0)), np.zeros(3)
     gains = np.zeros((TICKS, 3, 7))
     gains[:, range(3), range(3)] = 1.0
-    law.law.points.view(POINT)["gains"][:, 0] = gains
-    law.law.constants.view(LAW)["limit"] = 1.0
+    law.law.schedule.view(GAIN_SCHEDULE)["gains"][:, 0] = gains
+    law.law.constants.view(LAW)["saturation"] = 1.0
     law.sent(0, np.zeros(SIZE), np.zeros(3))  # the nominal state of tick 1 is 0
     estimates = []
     for _ in range(3000):
@@ -177,17 +177,18 @@ def test_what_lies_in_the_set_lies_within_the_half_widths():
     options = ArticulatedOptions(tube=False)
     feedback = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options, design).feedback
     law, outputs = feedback.law, feedback.mpc.horizon.stages.outputs
-    report = np.zeros(20)
+    row = np.zeros(TUBE_REPORT.itemsize // 8)
+    report = row.view(TUBE_REPORT)[0]
     for k, raw in enumerate(generator.uniform(-1.2, 1.2, size=(60, 7))):
         nominal, deviation = generator.normal(size=7), disturbance.axes @ raw
-        report_tube(k, law, outputs, nominal, deviation, report)
-        assert report[0] == (np.abs(raw).max() <= 1.0)
-        assert report[1] == pytest.approx(1.0 - np.abs(raw).max())
-        np.testing.assert_allclose(report[2:11], report_rows(OUTPUTS)[k] @ nominal)
-        if report[0]:
+        report_tube(k, law, outputs, nominal, deviation, row)
+        assert report["inside"] == (np.abs(raw).max() <= 1.0)
+        assert report["margin"] == pytest.approx(1.0 - np.abs(raw).max())
+        np.testing.assert_allclose(report["nominal"], report_rows(OUTPUTS)[k] @ nominal)
+        if report["inside"]:
             rows = report_rows(OUTPUTS)[k]
             true_deviation = np.abs(rows @ deviation) + design.estimate_error.support(rows)
-            assert np.all(true_deviation <= report[11:] + 1e-12)
+            assert np.all(true_deviation <= report["half_width"] + 1e-12)
 
 
 def test_the_controller_reports_what_a_step_added_and_commands_the_same():

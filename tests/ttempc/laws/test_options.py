@@ -16,7 +16,7 @@ from ttempc.baselines.paper import PaperOptions
 from ttempc.baselines.pid import PidOptions
 from ttempc.errors import InvalidTuning
 from ttempc.guidance.controllers import CONTROLLERS, make_controller, parse_options
-from ttempc.laws.articulated_mpc import ArticulatedOptions, MpcOptions
+from ttempc.laws.options import ArticulatedOptions, MpcOptions
 from ttempc.laws.tracking_controller import TrackingController
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight

@@ -8,7 +8,7 @@ import pytest
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, admissible, along
 from ttempc.guidance.controllers import make_controller
 from ttempc.laws import articulated_law
-from ttempc.laws.articulated_mpc import ArticulatedOptions
+from ttempc.laws.options import ArticulatedOptions
 from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.mpc.articulated_error import HITCH, rotation
 from ttempc.mpc.condensing import solve_in_closed_form
@@ -123,11 +123,11 @@ def leave_every_problem_to_the_solver(monkeypatch):
     """As if a bound were active at every tick."""
 
     def drive(k, row, sent, law, stages, work, memory, tick):
-        articulated_law.propose(k, row, sent, law, stages, work, memory, tick)
+        articulated_law.compute_error(k, row, sent, law, stages, work, memory, tick)
         solve_in_closed_form(k, stages, work)
         return BOUND_ACTIVE
 
-    monkeypatch.setattr(articulated_law, "_drive", drive)
+    monkeypatch.setattr(articulated_law, "try_in_closed_form", drive)
 
 
 def test_its_commands_are_never_cut_by_the_limits_however_it_is_disturbed():

@@ -20,7 +20,7 @@ from tests.ttempc.tubes import (
     along,
 )
 from ttempc.errors import InvalidTube
-from ttempc.laws.articulated_mpc import MpcOptions
+from ttempc.laws.options import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics, remaining_bounds
 from ttempc.mpc.condensing import StageBounds
 from ttempc.mpc.lmpc import CondensedHorizon
