@@ -34,8 +34,8 @@ View = Callable[[], Estimate]
 _WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
 _WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set up
 # Share of speed and hydrostat position by which a law finds a held back vehicle slower than
-# planned. Against the way that the whole lack would cost both steerings act, though the reference
-# waits: in a curve the tractor was 0.27 m off. Chosen on `grass`, seeds 9408, 9941, 9942.
+# planned. Against the distance that the whole lack would cost both steerings act, though the
+# reference waits: in a curve the tractor was 0.27 m off. Chosen on `grass`, seeds 9408, 9941, 9942.
 _HELD_BACK = 0.2
 
 
@@ -64,7 +64,7 @@ class FeedbackLaw:
     report: SolverReport | None = None  # of the last QP that a solver answered, where `act` is None
 
     def predicted_path(self, k: int) -> FloatArray | None:
-        """Return that of the view of the record of tick `k`."""
+        """Return the predicted path at tick `k`, (Np, 4) [m], None where there is none."""
 
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of tick `k` where `act` has returned None."""
@@ -90,15 +90,16 @@ def write_report(report: SolverReport, tick: FloatArray) -> None:
 def write_told(told: Diagnostics, tick: FloatArray) -> None:
     """Write the numbers of a controller's diagnostics into the record `TICK`."""
     t = tick.view(TICK)[0]
-    control, solver, tube = t["control"], told.solver, told.tube
-    control[:, 0], control[:, 1], control[:, 2] = told.feedforward, told.feedback, told.robust
+    tube = told.tube
+    t["control"][:, :3] = np.column_stack([told.feedforward, told.feedback, told.robust])
     if told.modelling_error is not None:
         t["tracking"][7:] = told.modelling_error
     if tube is not None:
         t["tube"] = (tube.inside, tube.margin, *tube.nominal, *tube.half_width)
-    if solver is not None:
-        write_report(solver, tick)
-    t["leaves_corridor"], t["law"] = told.leaves_corridor, -1.0 if told.fallback else 0.0
+    if told.solver is not None:
+        write_report(told.solver, tick)
+    t["leaves_corridor"] = told.leaves_corridor
+    t["law"] = -1.0 if told.fallback else 0.0
 
 
 def _near(value: float, planned: float) -> float:
@@ -145,10 +146,16 @@ class TrackingController:
         The steps are those of a copy, on an estimate beside the start of the reference. No later
         result changes. Call it before the first tick.
         """
-        controller, state = copy.deepcopy(self), self._grid.state[0].copy()
+        controller = copy.deepcopy(self)
+        state = self._grid.state[0].copy()
         state[State.Y] += _WARM_UP_OFFSET_M
-        covariance, point = np.zeros((len(State), len(State))), self._grid.trailer_xy[0]
-        estimate = Estimate(0.0, state, covariance, point, float(self._grid.hitch_angle[0]))
+        estimate = Estimate(
+            time_s=0.0,
+            state=state,
+            covariance=np.zeros((len(State), len(State))),
+            trailer_xy=self._grid.trailer_xy[0],
+            hitch_angle=float(self._grid.hitch_angle[0]),
+        )
         for k in range(_WARM_UP_TICKS):
             controller.prepare(k)
             controller.step(estimate, k)
@@ -174,19 +181,28 @@ class TrackingController:
 
         A law sees little of the speed that the guard takes from the vehicle, see `_HELD_BACK`.
         """
-        k, t, seen = min(k, len(self._feedforward) - 1), tick.view(TICK)[0], view
+        k = min(k, len(self._feedforward) - 1)
+        t = tick.view(TICK)[0]
         if t["stopping"] or t["waits"] or t["reason"]:
-            held, sent = row.copy(), sent.copy()
-            state, planned = held.view(ESTIMATE)[0]["state"], self._grid.state[k]
-            state[State.V] = _near(state[State.V], planned[State.V])
-            sent[Input.HP] = _near(sent[Input.HP], self._feedforward[max(k - 1, 0), Input.HP])
-            row, view = held, lambda: estimate_view(held, seen().innovations)
+            row, view, sent = self._held_back(k, row, view, sent)
         told = self.feedback.act(k, row, view, sent, tick)
         control = t["control"]
         control[:, 0] = self._feedforward[k]
         if self._measured_hitch:
             control[Input.DELTA_I, 0] -= row.view(ESTIMATE)[0]["hitch_angle"]
         return told
+
+    def _held_back(
+        self, k: int, row: FloatArray, view: View, sent: FloatArray
+    ) -> tuple[FloatArray, View, FloatArray]:
+        """Return copies of estimate, its view and command near the planned speed of tick `k`."""
+        estimate = row.copy()
+        state = estimate.view(ESTIMATE)[0]["state"]
+        state[State.V] = _near(state[State.V], self._grid.state[k, State.V])
+        command = sent.copy()
+        planned = self._feedforward[max(k - 1, 0), Input.HP]
+        command[Input.HP] = _near(command[Input.HP], planned)
+        return estimate, lambda: estimate_view(estimate, view().innovations), command
 
     def view(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of tick `k` where `act` has returned None."""
@@ -197,7 +213,8 @@ class TrackingController:
 
         It is for controllers around this one: the guidance asks `act`, and limits the command.
         """
-        tick, before = new_tick(), self._previous
+        tick = new_tick()
+        before = self._previous
         told = self.act(estimate_row(estimate), lambda: estimate, k, before, tick)
         control = tick.view(TICK)[0]["control"]
         self._previous, changed = self._limits.apply(control[:, :3].sum(axis=1), before)
@@ -215,7 +232,9 @@ class ExactCourse(Shared):
     """
 
     def __init__(self, reference: Reference, period_s: float, beyond: int = 1) -> None:
-        self.reference, self.vehicle, self.period_s = reference, reference.vehicle, period_s
+        self.reference = reference
+        self.vehicle = reference.vehicle
+        self.period_s = period_s
         self.grid = reference.on_grid(period_s, beyond=beyond)
         self.feedforward = exact_feedforward(reference, len(self.grid.time_s) - 1, period_s)
         self.limits = CommandLimits.of(self.vehicle, period_s)

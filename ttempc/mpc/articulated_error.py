@@ -28,7 +28,8 @@ from .qp import PENALTY
 
 def rotation(angle: FloatArray) -> FloatArray:
     """Return the rotation matrices by `angle` (N,) [rad], counter-clockwise, (N, 2, 2)."""
-    cos, sin = np.cos(angle), np.sin(angle)
+    cos = np.cos(angle)
+    sin = np.sin(angle)
     return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
 
 
@@ -71,7 +72,9 @@ def write_path(
     path: FloatArray,
 ) -> None:
     """Do `PredictedPath.under`: states z_j = free_{j+1} + response_j steps, errors C z_j."""
-    error, response, steps = np.empty(4), work.response, work.steps
+    error = np.empty(4)
+    response = work.response
+    steps = work.steps
     for j in range(response.shape[0]):
         error[:] = 0.0
         for n in range(response.shape[1]):
@@ -98,7 +101,9 @@ class Output(IntEnum):
     TRAILER_ACROSS = 3
 
 
-_N, _M, _D = len(State), len(Input), len(Disturbance)
+_N = len(State)
+_M = len(Input)
+_D = len(Disturbance)
 _MAPPED = len(MapDisturbance)
 _SIZE = _N + _D + _MAPPED
 _DISTURBANCES: Final = [AugmentedState[item.name] for item in Disturbance][:-1]
@@ -124,10 +129,13 @@ def error_dynamics(
     a, b = zero_order_hold(*_slopes(reference, period_s, ticks), period_s)
     grid = reference.at(np.arange(ticks + 1) * period_s)
     turns = rotation(-grid.state[:, State.PSI_T])  # of positions: map frame -> reference frame
-    here, ahead = np.eye(_SIZE), np.eye(_SIZE)
+    here = np.eye(_SIZE)
+    ahead = np.eye(_SIZE)
     for k in range(ticks):
-        here[:2, :2], ahead[:2, :2] = turns[k], turns[k + 1]
-        a[k], b[k] = ahead @ a[k] @ here.T, ahead @ b[k]
+        here[:2, :2] = turns[k]
+        ahead[:2, :2] = turns[k + 1]
+        a[k] = ahead @ a[k] @ here.T
+        b[k] = ahead @ b[k]
 
     c = np.zeros((ticks + 1, 4, _SIZE))
     c[:, 0, State.X] = c[:, 1, State.Y] = 1.0
@@ -139,13 +147,18 @@ def error_dynamics(
 
 def _slopes(reference: Reference, period_s: float, ticks: int) -> tuple[FloatArray, FloatArray]:
     """Return the rows of dA/dt (N, 7, 16), dB/dt (N, 7, 3) of `error_dynamics`, map frame."""
-    vehicle, parameters = reference.vehicle, vehicle_parameters(reference.vehicle)
+    vehicle = reference.vehicle
+    parameters = vehicle_parameters(vehicle)
     middle = reference.at((np.arange(ticks) + 0.5) * period_s)
     gains = map_gains(middle, vehicle)
-    slope_a, slope_b = np.zeros((ticks, _N, _SIZE)), np.zeros((ticks, _N, _M))
+    slope_a = np.zeros((ticks, _N, _SIZE))
+    slope_b = np.zeros((ticks, _N, _M))
     # of the filter's model without disturbances, where the speed over ground is that of the rims
-    x, jacobian, by_disturbance = np.zeros(WIDTH), np.empty((_N, WIDTH)), np.zeros((_N, _D))
-    d, length_i = vehicle.drawbar_length, vehicle.trailer_length + vehicle.trailer_turning_offset
+    x = np.zeros(WIDTH)
+    jacobian = np.empty((_N, WIDTH))
+    by_disturbance = np.zeros((_N, _D))
+    d = vehicle.drawbar_length
+    length_i = vehicle.trailer_length + vehicle.trailer_turning_offset
     for k, (x[:_N], inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
         state_rate_jacobian(x, inputs, parameters, jacobian)
         by_disturbance[:, :-1] = jacobian[:, _DISTURBANCES]  # the wheel slip has no effect on v
@@ -360,7 +373,8 @@ def hitch_bounds(
     Where the reference itself comes closer than 3 deg to the bound, the bound gives way to that
     distance.
     """
-    state, largest = grid.state[: len(a) + 1], np.array([math.sin(limit)])
+    state = grid.state[: len(a) + 1]
+    largest = np.array([math.sin(limit)])
     angle = grid.hitch_angle[: len(state), None]
     rows = np.zeros((len(angle), 2 if vehicle.reverse else 1, _SIZE))
     rows[:, :, :_N] = HITCH
