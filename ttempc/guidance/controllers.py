@@ -69,11 +69,23 @@ CONTROLLERS: Final = MappingProxyType(
             tube="required",
         ),
         "paper": ControllerEntry(
-            "the paper's equations as printed, errata 4, 6 and 7 corrected",
+            "the paper's equations, in the reading that agrees best with its own observations",
             "baselines.paper paper_controller PaperOptions",
         ),
+        "paper-rate-weight": ControllerEntry(
+            "the same with steering in rad/s in the cost: nearest to the published errors, weaves",
+            "baselines.paper paper_controller RateWeightOptions",
+        ),
+        "paper-tube": ControllerEntry(
+            "the same with the nominal system of a tube MPC, on which the MPC acts",
+            "baselines.paper paper_controller TubeOptions",
+        ),
+        "paper-subtracted": ControllerEntry(
+            "the same with the measured hitch angle subtracted: the trailer steers to its stop",
+            "baselines.paper paper_controller SubtractedOptions",
+        ),
         "paper-printed-sign": ControllerEntry(
-            "the same with erratum 6 as printed and a tube's nominal state: the vehicle is lost",
+            "paper with the sign of the robust action as printed: the vehicle is lost",
             "baselines.paper paper_controller PrintedSignOptions",
         ),
         "pid": ControllerEntry(

@@ -181,6 +181,6 @@ def controller(
         np.zeros((len(grid.time_s), _M)),
         PrintedFeedback(reference, period_s, chosen),
         CommandLimits.of(vehicle, period_s),
-        measured_hitch=True,
+        measured_hitch=-1.0,
         space_based=True,
     )
