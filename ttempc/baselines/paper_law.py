@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from ..jit import cached_njit, record
-from ..laws.tracking_controller import FeedbackLaw, View
+from ..laws.tracking_controller import FeedbackLaw, View, write_report
 from ..layout import ESTIMATE, TICK, new_tick
 from ..models.kinematics import POSITIONS, Error
 from ..mpc.articulated_error import PredictedPath
-from ..mpc.lmpc import CondensedHorizon, LinearMpc, Stages, Work, plan
-from ..mpc.qp import UNSOLVED
+from ..mpc.condensing import Stages, Work, solve_in_closed_form
+from ..mpc.lmpc import CondensedHorizon, LinearMpc
+from ..mpc.qp import BOUND_ACTIVE, CLOSED_FORM, CLOSED_FORM_REPORT
 from ..reference.reference import ReferenceSample
 from ..types import Diagnostics, FloatArray, Input, SolverReport, State
 
@@ -139,12 +140,11 @@ def body_error(
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def propose(
-    k: int, estimate: FloatArray, tables: PaperTables, memory: FloatArray, given: FloatArray
+    k: int, estimate: FloatArray, tables: PaperTables, memory: FloatArray, work: Work
 ) -> None:
     """Write what the MPC of tick `k` starts from, and the robust action into the memory.
 
-    `estimate` is a finite record `ESTIMATE`; `given` takes the state of the MPC (7,), then
-    u_e(k - 1) (3,).
+    `estimate` is a finite record `ESTIMATE`.
     """
     e = record(estimate, ESTIMATE)
     s = record(memory, MEMORY)
@@ -186,9 +186,9 @@ def propose(
         nominal[i] = coming[i] if follows else error[i]
         if of.nominal == _REFERENCE:
             nominal[i] = 0.0
-        given[i] = nominal[i] if of.from_nominal != 0.0 else error[i]
+        work.state[i] = nominal[i] if of.from_nominal != 0.0 else error[i]
     for i in range(_M):
-        given[_N + i] = feedback[i]
+        work.previous[i] = feedback[i]
 
     before = np.empty(_P)
     for p in range(_P):
@@ -216,7 +216,8 @@ def conclude(
 ) -> None:
     """Write the actions of tick `k` into the record `TICK`, and zbar_e(k + 1) into the memory.
 
-    The `outcome` is that of `plan`; below 0 the record already has the report of a solver.
+    The `outcome` is that of `solve_in_closed_form`; where it is another than `CLOSED_FORM` the
+    record already has the report of a solver.
     """
     s = record(memory, MEMORY)
     t = record(tick, TICK)
@@ -227,19 +228,20 @@ def conclude(
     feedback = s.feedback
     action = s.action
     modelling = s.modelling
-    given = work.given
-    limits = stages.limits
-    if outcome >= 0:
-        solver[0] = 1.0
-        solver[1] = outcome
-        solver[2] = 0.0
-        solver[3] = 0.0
-    t.law = 0.0 if solver[0] == 1.0 else _HELD
+    lower = stages.bounds.lower
+    upper = stages.bounds.upper
+    if outcome == CLOSED_FORM:
+        solver.accepted = 1.0
+        solver.iterations = 0.0
+        solver.primal_residual = 0.0
+        solver.dual_residual = 0.0
+        solver.status = 0.0
+    t.law = 0.0 if solver.accepted == 1.0 else _HELD
 
     # u = u_f - u_b + u_m, with the hydrostat back from the unit of the model
     for i in range(_M):
-        wanted = given[_N + i] + work.steps[i]
-        feedback[i] = min(max(wanted, limits[k, 0, i]), limits[k, 1, i])
+        wanted = work.previous[i] + work.steps[i]
+        feedback[i] = min(max(wanted, lower[k, i]), upper[k, i])
         unit = 1.0 / of.full_scale if i == Input.HP else 1.0
         control[i, 1] = -feedback[i] * unit
         control[i, 2] = action[i] * unit
@@ -251,9 +253,9 @@ def conclude(
     for i in range(_N):
         total = 0.0
         for j in range(_N):
-            total += stages.model[k, i, j] * start[j]
+            total += stages.a[k, i, j] * start[j]
         for j in range(_M):
-            total += stages.model[k, i, _N + j] * feedback[j]
+            total += stages.b[k, i, j] * feedback[j]
         coming[i] = total
     s.last = k
 
@@ -267,12 +269,11 @@ def _drive(
     work: Work,
     memory: FloatArray,
     tick: FloatArray,
-    most: int,
 ) -> int:
-    """Propose, plan, and conclude where no solver is needed; return the result of `plan`."""
-    propose(k, estimate, tables, memory, work.given)
-    outcome = plan(k, stages, work, most)
-    if outcome >= 0:
+    """Propose, solve, and conclude where no solver is needed; return the outcome."""
+    propose(k, estimate, tables, memory, work)
+    outcome = solve_in_closed_form(k, stages, work)
+    if outcome == CLOSED_FORM:
         conclude(k, outcome, tables, stages, work, memory, tick)
     return outcome
 
@@ -315,12 +316,10 @@ class PaperLaw(FeedbackLaw):
         self._estimate = row
         self.report = None
         stages, mpc = self._mpc.horizon.stages, self._mpc
-        outcome = _drive(k, row, self._tables, stages, mpc.work, self._memory, tick, mpc.most)
-        if outcome < 0:
-            self.report, _ = mpc.answer(k, outcome)
-            report = self.report
-            residuals = report.primal_residual, report.dual_residual
-            tick.view(TICK)[0]["solver"][:4] = report.accepted, report.iterations, *residuals
+        outcome = _drive(k, row, self._tables, stages, mpc.work, self._memory, tick)
+        if outcome != CLOSED_FORM:
+            self.report, _ = mpc.complete(k, outcome)
+            write_report(self.report, tick)
             conclude(k, outcome, self._tables, stages, mpc.work, self._memory, tick)
 
     def prepare(self, k: int) -> None:
@@ -328,14 +327,13 @@ class PaperLaw(FeedbackLaw):
         if self._estimate is None:
             return
         mpc = self._mpc
-        mpc.beside.given[:] = mpc.work.given
         memory = self._memory.copy()
         tables, stages, estimate = self._tables, mpc.horizon.stages, self._estimate
-        _drive(k, estimate, tables, stages, mpc.beside, memory, new_tick(), mpc.most)
+        _drive(k, estimate, tables, stages, mpc.preparing, memory, new_tick())
 
     def warm_up(self) -> None:
         """Solve the problem of the last step by the solver, which takes milliseconds at first."""
-        self._mpc.answer(int(self._mpc.work.tick[0]), UNSOLVED)
+        self._mpc.complete(int(self._mpc.work.tick[0]), BOUND_ACTIVE)
 
     def predicted_path(self, k: int) -> FloatArray:
         """Return the path of tick `k` under the MPC's plan, (Np, 4) [m], map frame."""
@@ -344,7 +342,7 @@ class PaperLaw(FeedbackLaw):
     def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
         """Return the view of the record of the last tick, `k`."""
         t = tick.view(TICK)[0]
-        report = self.report or SolverReport("solved", True, int(t["solver"][1]), 0.0, 0.0, 0.0)
+        report = self.report or CLOSED_FORM_REPORT
         modelling = t["tracking"][_MODELLING:]
         return Diagnostics(
             feedback=t["control"][:, 1].copy(),

@@ -104,6 +104,18 @@ CONTROLLERS: Final = MappingProxyType(
             "the same with one Gauss-Newton iteration a period",
             "baselines.nmpc nmpc_controller NmpcRtiOptions",
         ),
+        "nmpc-decentralised": ControllerEntry(
+            "nmpc as a problem of the tractor and one of the trailer, which exchange nothing",
+            "baselines.nmpc nmpc_decentralised_controller NmpcOptions",
+        ),
+        "nmpc-distributed": ControllerEntry(
+            "the same with the tractor's plan known to the trailer",
+            "baselines.nmpc nmpc_distributed_controller NmpcOptions",
+        ),
+        "nmpc-path": ControllerEntry(
+            "the published NMPC: printed model, path-parametrised; with the estimator nmhe-printed",
+            "baselines.nmpc_path nmpc_path_controller NmpcPathOptions",
+        ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback",
             "laws.tracking_controller feedforward_controller",
@@ -115,7 +127,13 @@ EstimatorFactory = Callable[["Vehicle", "SensorNoise"], Estimator]
 """Makes an estimator from the model parameters and the assumed sensor noise."""
 
 
-ESTIMATORS: Final = MappingProxyType({"ekf": "estimation.ekf ExtendedKalmanFilter"})
+ESTIMATORS: Final = MappingProxyType(
+    {
+        "ekf": "estimation.ekf ExtendedKalmanFilter",
+        "nmhe": "estimation.nmhe MovingHorizonEstimator",
+        "nmhe-printed": "estimation.nmhe PrintedEstimator",
+    }
+)
 
 
 def _known(kind: str, name: str, known: Mapping[str, Any], error: type[TtempcError]) -> Any:  # noqa: ANN401 - an entry
