@@ -51,6 +51,7 @@ class Problem(NamedTuple):
     step_weight: FloatArray  # (q,)
     damping: float  # tau of y + tau y' for the cross-track errors y, in periods
     most: int  # iterations
+    tolerance: float  # see `TOLERANCE`
     bounds: FloatArray  # lower and upper ones on inputs, then on their steps, (ticks, 4, q)
     progress: FloatArray  # record `PROGRESS`
     limits: FloatArray  # the same for the steps: inputs less the previous ones, (4, q)
@@ -175,7 +176,7 @@ def iterate(task: Task, problem: Problem, solved: bool, plan: Plan) -> bool:
         largest = 0.0
         for i in range(size):
             largest = max(largest, abs(solution[i] - steps[i]))
-        p.converged = 1.0 if largest <= TOLERANCE else 0.0
+        p.converged = 1.0 if largest <= problem.tolerance else 0.0
         if p.converged == 1.0 or p.iteration >= problem.most:
             write_plan(task, problem, errors, jacobian, plan)
             return True
@@ -272,6 +273,7 @@ class GaussNewton:
         tuning: horizon, weights and solver.
         iterations: of each block in a tick, at most.
         damping: tau of y + tau y' for the cross-track errors y, in periods.
+        tolerance: largest change of a converged plan.
 
     Raises:
         MissingPackage: the package of the tuning's solver is not installed.
@@ -284,10 +286,14 @@ class GaussNewton:
         tuning: HorizonTuning,
         iterations: int,
         damping: float = 0.0,
+        tolerance: float = TOLERANCE,
     ) -> None:
         self.report = CLOSED_FORM_REPORT  # of the last tick
         self.fallback = ""  # why its steps are not the minimiser; empty where they are
-        problems = [new_problem(model, bounds, tuning, iterations, damping) for model in models]
+        problems = [
+            new_problem(model, bounds, tuning, iterations, damping)._replace(tolerance=tolerance)
+            for model in models
+        ]
         self.first = problems[0]
         self.second = problems[1] if len(problems) > 1 else None
         self.problems = problems
@@ -374,6 +380,7 @@ def new_problem(
         step_weight=np.tile(np.array(tuning.step_weight)[inputs], moves),
         damping=damping,
         most=iterations,
+        tolerance=TOLERANCE,
         bounds=np.stack([values[:, columns] for values in bounds], axis=1),
         progress=np.zeros(PROGRESS.itemsize // 8),
         limits=np.zeros((4, size)),
