@@ -158,6 +158,7 @@ class InputStatistics:
     """Saturation, rate and travel of one input."""
 
     saturated_fraction: float | None  # of ticks with the command at a limit of size or rate
+    beyond_fraction: float | None  # of ticks with the controller's total beyond a bound of size
     rms_rate: float | None  # of the command, in its unit per second
     travel_per_m: float | None  # total change of the command over the distance driven
 
@@ -361,9 +362,13 @@ def input_statistics(record: Record) -> InputsStatistics:
         command = table[f"{name}_command"]
         low, high = table[f"{name}_min"] + _AT_BOUND, table[f"{name}_max"] - _AT_BOUND
         saturated = (command <= low) | (command >= high) | (table[f"{name}_limited"] > 0.5)
+        total = table[f"{name}_total"]
+        beyond = (total < low - 2.0 * _AT_BOUND) | (total > high + 2.0 * _AT_BOUND)
         steps = np.diff(command)
         travel = _number(np.abs(steps).sum() / driven_m) if driven_m else None
-        return InputStatistics(_mean(saturated), _rms(steps / np.diff(table.time_s)), travel)
+        return InputStatistics(
+            _mean(saturated), _mean(beyond), _rms(steps / np.diff(table.time_s)), travel
+        )
 
     return InputsStatistics(*map(statistics, ("delta_t_rad", "delta_i_rad", "hp")))
 

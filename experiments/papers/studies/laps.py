@@ -16,7 +16,6 @@ from ...run.simulate import simulate
 from ...scenario.path import FigureEight
 from ...scenario.scenario import load, shipped
 from ...seeds import report_seeds
-from ..kayacan import CONTROLLER, ESTIMATOR
 from ..study import Case, Row, Study
 from ..tables import (
     COLUMNS,
@@ -42,22 +41,30 @@ def _named(controller: str) -> tuple[str, ...]:
     return (f'controller.name="{controller}"',)
 
 
+_TUBE: Final = {"nominal": "model", "mpc_start": "nominal"}
+
 READINGS: Final = {
     "`paper`": (),
     "1: hitch sign by geometry": _options(hitch_sign=-1),
     "2: hitch angle of the reference": _options(hitch_angle="reference"),
     "3: feedforward by geometry": _options(feedforward="geometry"),
-    "1 and 3": _options(hitch_sign=-1, feedforward="geometry"),
     "1, 2 and 3": _options(hitch_sign=-1, hitch_angle="reference", feedforward="geometry"),
     "4 as printed": _options(trailer_error_frame="tractor"),
     "5: exact trailer speed": _options(trailer_speed="exact"),
-    "6 as printed": _options(robust_sign=1),
+    "6 as printed: `paper-printed-sign`": _options(robust_sign=1),
     "7 as printed": _options(hp_full_scale=100),
-    "8: the tube's own nominal": _options(nominal="tube"),
-    "6 as printed, with 8: `paper-printed-sign`": _options(robust_sign=1, nominal="tube"),
+    "8: nominal state one step ahead": _options(nominal="one-step"),
+    "8: the tube's own nominal: `paper-tube`": _options(**_TUBE),
+    "9: hitch angle subtracted": _options(hitch_angle="subtracted"),
+    "10: speed in the yaw rows": _options(yaw_by_speed=True),
+    "13: hydrostat as a fraction": _options(hp_in_cost="fraction"),
+    "13: steering in rad/s: `paper-rate-weight`": _options(steering_in_cost="rad/s"),
+    "8, 9, 13: `paper-subtracted`": _options(
+        hitch_angle="subtracted", nominal="one-step", hp_in_cost="fraction"
+    ),
     "robust action off": _options(robust=False),
 }
-"""Corrections of the paper's equations, each changed by itself, on `pavement`, where the plant is
+"""Readings of the paper's equations, each changed by itself, on `pavement`, where the plant is
 closest to the kinematic model."""
 
 PARTS: Final = {
@@ -74,7 +81,7 @@ PUBLISHED: Final = {"LMPC": tuple(PUBLISHED_M.values()), "NMPC": PUBLISHED_NMPC_
 
 LAWS: Final = {
     "LMPC": _named("paper"),
-    "NMPC": (*_named(CONTROLLER), f'controller.estimator="{ESTIMATOR}"'),
+    "NMPC": (*_named("nmpc-path"), 'controller.estimator="nmhe-printed"'),
 }
 
 
@@ -160,7 +167,7 @@ STUDIES: Final = (
         axes={"law": LAWS},
         seeds=report_seeds(10),
         table=published_errors,
-        checks=tuple(("kayacan2016", name) for name in ("paper", CONTROLLER)),
+        checks=tuple(("kayacan2016", name) for name in ("paper", "nmpc-path")),
     ),
     Study(
         name="consistency",
