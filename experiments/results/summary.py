@@ -181,6 +181,25 @@ ACTUATOR_USE: Final = (  # head of a column, key of the summary, factor from the
 """Columns on the use of the actuators in comparisons of controllers."""
 
 
+EUCLIDEAN: Final = tuple(  # of the paper's table: head of a column, key, factor
+    (f"{where}, {body} [cm]", f"tracking.{where}.{body}.mean_euclidean_m", 100.0)
+    for where in ("straight", "curve")
+    for body in ("tractor", "trailer")
+)
+"""Columns of the mean Euclidean errors to the time-based reference, as the paper has them."""
+PARTS: Final = tuple(
+    (f"{where}, tractor {part} [cm]", f"tracking.{where}.tractor.{key}", 100.0)
+    for where in ("straight", "curve")
+    for part, key in (("along, mean", "along_mean_m"), ("across, sd", "cross_sd_m"))
+)
+"""Columns of the parts of the tractor's error along and across the path."""
+BEYOND: Final = tuple(
+    (f"{words} beyond its bounds [%]", f"inputs.{name}.beyond_fraction", 100.0)
+    for words, name in (("front", "delta_t"), ("trailer", "delta_i"), ("hydrostat", "hp"))
+)
+"""Columns of the ticks in which a controller asks for more than an input has."""
+
+
 @dataclass(frozen=True, slots=True)
 class SlipStatistics:
     """Absolute slip of the driven wheels and absolute slip angle of the trailer's wheels."""

@@ -154,7 +154,7 @@ STUDIES: Final = (
         scenarios=("pavement",),
         overrides=("path.laps=1", *_named("paper")),
         axes={"reading": READINGS},
-        seeds=report_seeds(3),
+        seeds=report_seeds(2),
         table=lambda runs: grouped(
             runs, ["reading"], {"reading": label("reading"), **mean_errors(".1f"), "lost": lost}
         ),

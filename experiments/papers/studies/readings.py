@@ -26,7 +26,6 @@ _TUBE: Final = {"nominal": "model", "mpc_start": "nominal"}
 _NOMINALS: Final = {
     "reference": {},
     "one-step": {"nominal": "one-step"},
-    "model, MPC from z_e": {"nominal": "model"},
     "tube": _TUBE,
 }
 _HITCH: Final = {"+ beta": {}, "- beta": {"hitch_angle": "subtracted"}}
@@ -168,8 +167,7 @@ def score(runs: pd.DataFrame) -> dict[str, bool]:
         "beta": completed and bool(runs["by beta"].mean() > _BY_BETA),
         "rises": completed and bool((curve > straight).all()),
         "crosses": completed and bool(straight.mean() < 1.0 < curve.mean()),
-        "derivative": completed
-        and bool(runs["cross, k_d = 0"].mean() > _WEAVES * runs["cross"].mean()),
+        "derivative": completed and bool(weaves),
         "ratio": completed and bool(abs(math.log(runs["ratio"].mean() / 1.70)) < math.log(_LIKE)),
         "level": completed and level < _LIKE,
     }
@@ -227,7 +225,7 @@ STUDIES: Final = (
         name="readings",
         scenarios=("kayacan2016",),
         axes={"reading": {name: _options(options) for name, options in READINGS.items()}},
-        seeds=report_seeds(3),
+        seeds=report_seeds(2),
         overrides=("path.laps=2", 'controller.name="paper"'),
         drive=observations,
         table=scored,
