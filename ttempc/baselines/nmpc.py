@@ -114,7 +114,8 @@ class NonlinearFeedback(FeedbackLaw):
     ) -> None:
         self._course = course
         self._tuning = tuning
-        vehicle, period_s = course.vehicle, course.period_s
+        vehicle = course.vehicle
+        period_s = course.period_s
         damping = tuning.damping_s / period_s
         models = tuple(articulated_model(vehicle, period_s, block) for block in decomposition)
         remaining = remaining_bounds(course.feedforward, course.limits)
@@ -143,7 +144,8 @@ class NonlinearFeedback(FeedbackLaw):
 
     def act(self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray) -> None:
         """Write the actions of tick `k` into the record `TICK`, see `FeedbackLaw.act`."""
-        horizon, course = self._tuning.horizon, self._course
+        horizon = self._tuning.horizon
+        course = self._course
         error = np.empty(_ERRORS)
         write_error(course.grid.state[k], row, *self._constants, error)
         task = Task(

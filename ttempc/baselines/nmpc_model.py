@@ -278,14 +278,15 @@ def articulated_horizon(
     for row in range(_N):
         now[row] = task.state[_ORDER[row]]
     by_given = np.empty((_N, _COLUMNS))
-    scratch = np.empty((_SCRATCH, _N, _COLUMNS))
+    slopes = np.empty((3, _N, _COLUMNS))
+    rates = np.empty((3, _COLUMNS))
     before = np.zeros((_N, steps.size))
     after = np.zeros((_N, steps.size))
     inputs = np.empty_like(task.feedforward)
     planned_inputs(task, block.inputs, steps, inputs)
     for j in range(len(inputs)):
         motion = task.motion[j]
-        advance_period(now, inputs[j], task.disturbance[j], model, motion, scratch, by_given)
+        advance_period(now, inputs[j], task.disturbance[j], model, motion, slopes, rates, by_given)
         propagate(by_given, block, j, before, after)
         position_errors(now, task.poses[j], model.parameters, block, after, errors[j], jacobian[j])
         before, after = after, before
@@ -324,8 +325,6 @@ def propagate(
 _STAGES: Final = 4
 """Of a classical Runge-Kutta step."""
 _TANGENT: Final = _N  # entry of the rates: of the front steering angle, which both bodies need
-_SCRATCH: Final = 4
-"""Matrices (7, 8) that `advance_period` works in."""
 
 
 @cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST)
@@ -335,7 +334,8 @@ def advance_period(
     disturbance: FloatArray,
     model: Model,
     motion: FloatArray,
-    scratch: FloatArray,
+    slopes: FloatArray,
+    rates: FloatArray,
     by_given: FloatArray,
 ) -> None:
     """Advance `state` (7,) by a period of constant inputs, in Runge-Kutta steps.
@@ -343,17 +343,18 @@ def advance_period(
     State in the order of `Row`; `motion` (s, 3) as of `articulated_horizon`. Writes the
     derivatives of the state at the end into `by_given` (7, 8), in the order of `Column`: the rows
     and columns of the bodies that the block moves. They are the exact ones of the Runge-Kutta
-    steps: the same steps of the variational equation.
+    steps: the same steps of the variational equation. `slopes` (3, 7, 8) and `rates` (3, 8) are
+    scratch.
     """
     block = model.block
     parameters = model.parameters
     step_s = model.period_s / model.substeps
-    slope = scratch[0]
-    stage_slope = scratch[1]
-    total_slope = scratch[2]
-    rate = scratch[3, 0]
-    stage = scratch[3, 1]
-    total = scratch[3, 2]
+    slope = slopes[0]
+    stage_slope = slopes[1]
+    total_slope = slopes[2]
+    rate = rates[0]
+    stage = rates[1]
+    total = rates[2]
     first_row = 0 if block.tractor else _TRACTOR_ROWS
     last_row = _N if block.trailer else _TRACTOR_ROWS
     first_column = 0 if block.tractor else _TRACTOR_COLUMNS
@@ -403,7 +404,12 @@ def advance_period(
         for i in range(first_row, last_row):
             for c in range(first_column, last_column):
                 by_given[i, c] += total_slope[i, c]
-    end = motion[_STAGES * model.substeps]
+    _share_pose(motion[_STAGES * model.substeps], block, state)
+
+
+@cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+def _share_pose(end: FloatArray, block: Block, state: FloatArray) -> None:
+    """Write the tractor's pose at the end of a period into its motion, or take it from there."""
     if block.tractor:
         end[0] = state[Row.X]
         end[1] = state[Row.Y]

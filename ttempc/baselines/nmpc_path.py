@@ -120,7 +120,8 @@ class PrintedFeedback(FeedbackLaw):
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         """Return the actions of tick `k`, see `FeedbackLaw`."""
-        options, beta = self._options, estimate.hitch_angle
+        options = self._options
+        beta = estimate.hitch_angle
         x, y, psi_t, psi_i, _, _, ground = estimate.state.tolist()
         factors = _NO_SLIP if estimate.slip_factors is None else estimate.slip_factors
         targets = self._targets.at(k, x, y)
@@ -130,7 +131,8 @@ class PrintedFeedback(FeedbackLaw):
         previous[Input.DELTA_I] += beta
         if self._lambda is not None:
             previous[Input.DELTA_I] = self._lambda
-        lower, upper = -self._upper, -self._lower
+        lower = -self._upper
+        upper = -self._lower
         lower[Input.DELTA_I] -= beta
         upper[Input.DELTA_I] -= beta
         bounds = np.stack([lower, upper, -self._step, self._step])

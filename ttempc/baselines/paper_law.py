@@ -315,7 +315,8 @@ class PaperLaw(FeedbackLaw):
         """Write the actions of tick `k` into the record `TICK`, see `FeedbackLaw.act`."""
         self._estimate = row
         self.report = None
-        stages, mpc = self._mpc.horizon.stages, self._mpc
+        mpc = self._mpc
+        stages = mpc.horizon.stages
         outcome = _drive(k, row, self._tables, stages, mpc.work, self._memory, tick)
         if outcome != CLOSED_FORM:
             self.report, _ = mpc.complete(k, outcome)
@@ -328,8 +329,8 @@ class PaperLaw(FeedbackLaw):
             return
         mpc = self._mpc
         memory = self._memory.copy()
-        tables, stages, estimate = self._tables, mpc.horizon.stages, self._estimate
-        _drive(k, estimate, tables, stages, mpc.preparing, memory, new_tick())
+        stages = mpc.horizon.stages
+        _drive(k, self._estimate, self._tables, stages, mpc.preparing, memory, new_tick())
 
     def warm_up(self) -> None:
         """Solve the problem of the last step by the solver, which takes milliseconds at first."""

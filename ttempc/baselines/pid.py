@@ -102,7 +102,8 @@ def speed_gains(speed: FloatArray, vehicle: Vehicle) -> PidGains:
 
     and e go to -1 / tau, as fast as the drive by itself. `speed` (N,) gives the number of ticks.
     """
-    tau, unit = vehicle.speed_time_constant, np.ones_like(speed) / vehicle.speed_gain
+    tau = vehicle.speed_time_constant
+    unit = np.ones_like(speed) / vehicle.speed_gain
     return PidGains(3.0 / tau * unit, 1.0 / tau**2 * unit, 2.0 * unit)
 
 
@@ -126,8 +127,11 @@ class PidFeedback(FeedbackLaw):
     """Three PID loops; an integral does not grow while its input is at a limit."""
 
     def __init__(self, course: ExactCourse, options: PidOptions) -> None:
-        self._course, grid = course, course.grid
-        vehicle, period_s, speed = course.vehicle, course.period_s, grid.state[:, State.V]
+        self._course = course
+        grid = course.grid
+        vehicle = course.vehicle
+        period_s = course.period_s
+        speed = grid.state[:, State.V]
         loops = (
             front_steering_gains(speed, vehicle, period_s, options),
             trailer_steering_gains(grid.speed_i, vehicle, period_s, options),
@@ -147,10 +151,12 @@ class PidFeedback(FeedbackLaw):
     def resume(self, previous: object) -> None:
         """Keep the integral actions, see `ttempc.types.Resuming`."""
         if isinstance(previous, PidFeedback):
-            self._integrals, self._unlimited = previous._integrals, previous._unlimited
+            self._integrals = previous._integrals
+            self._unlimited = previous._unlimited
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        course, grid = self._course, self._course.grid
+        course = self._course
+        grid = course.grid
         point = trailer_point(estimate.state, course.vehicle)
         z_e = tracking_error(estimate.state, point, grid.state[k], grid.trailer_xy[k])
         error = -np.array([z_e[Error.Y_T], z_e[Error.Y_I], z_e[Error.X_T]])

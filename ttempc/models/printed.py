@@ -152,7 +152,7 @@ def _rate(
 ) -> None:
     """Write the derivative of the state (7,), and its derivative along `by_given` (7, 13)."""
     v = state[_V]
-    mu, kappa, eta = factors[0], factors[1], factors[2]
+    mu, kappa, eta = factors
     wheelbase, lever, length_i, gain, tau = parameters
     ground = mu * v
     tan = math.tan(kappa * steering[0])

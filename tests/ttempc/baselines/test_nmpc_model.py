@@ -41,12 +41,13 @@ ORDER = [State[row.name] for row in Row]
 @pytest.mark.parametrize("steering_step", [0.02, 2.0])  # within and far beyond the rate limits
 def test_a_period_is_that_of_the_plain_model(vehicle, steering_step):
     model = articulated_model(vehicle, PERIOD_S)._replace(substeps=2)
-    motion, scratch = new_motion(model, 1)[0], np.empty((4, len(Row), len(Column)))
+    motion = new_motion(model, 1)[0]
+    scratch = np.empty((3, len(Row), len(Column))), np.empty((3, len(Column)))
     for state, inputs, disturbance in random_cases(steering_step=steering_step):
         expected, end = state, state[ORDER]
         for _ in range(2):
             expected = advance(expected, inputs, vehicle, PERIOD_S / 2, disturbance)
-        advance_period(end, inputs, disturbance, model, motion, scratch, np.empty((7, 8)))
+        advance_period(end, inputs, disturbance, model, motion, *scratch, np.empty((7, 8)))
         np.testing.assert_allclose(end, expected[ORDER], rtol=1e-12, atol=1e-12)
 
 
