@@ -357,13 +357,17 @@ def advance_period(
     total = rates[2]
     first_row = 0 if block.tractor else _TRACTOR_ROWS
     last_row = _N if block.trailer else _TRACTOR_ROWS
-    first_column = 0 if block.tractor else _TRACTOR_COLUMNS
-    last_column = _COLUMNS if block.trailer else _TRACTOR_COLUMNS
 
-    for i in range(first_row, last_row):
-        for c in range(first_column, last_column):
-            by_given[i, c] = 0.0
-            slope[i, c] = 0.0
+    # Sums over whole rows in one loop each: columns of another body stay 0.
+    low = first_row * _COLUMNS
+    high = last_row * _COLUMNS
+    given = by_given.reshape(by_given.size)
+    slope_flat = slope.reshape(slope.size)
+    stage_flat = stage_slope.reshape(stage_slope.size)
+    total_flat = total_slope.reshape(total_slope.size)
+    for i in range(low, high):
+        given[i] = 0.0
+        slope_flat[i] = 0.0
     for c in range(_TRACTOR_STATES):
         by_given[_OF_STATE + c, c] = 1.0
     for c in range(_TRAILER_STATES):
@@ -372,9 +376,9 @@ def advance_period(
         for i in range(first_row, last_row):
             stage[i] = state[i]
             total[i] = 0.0
-            for c in range(first_column, last_column):
-                stage_slope[i, c] = by_given[i, c]
-                total_slope[i, c] = 0.0
+        for i in range(low, high):
+            stage_flat[i] = given[i]
+            total_flat[i] = 0.0
         for k in range(_STAGES):
             heading = motion[_STAGES * n + k]
             if block.tractor:
@@ -395,15 +399,13 @@ def advance_period(
             for i in range(first_row, last_row):
                 total[i] += weight * rate[i]
                 stage[i] = state[i] + ahead * rate[i]
-            for i in range(first_row, last_row):
-                for c in range(first_column, last_column):
-                    total_slope[i, c] += weight * slope[i, c]
-                    stage_slope[i, c] = by_given[i, c] + ahead * slope[i, c]
+            for i in range(low, high):
+                total_flat[i] += weight * slope_flat[i]
+                stage_flat[i] = given[i] + ahead * slope_flat[i]
         for i in range(first_row, last_row):
             state[i] += total[i]
-        for i in range(first_row, last_row):
-            for c in range(first_column, last_column):
-                by_given[i, c] += total_slope[i, c]
+        for i in range(low, high):
+            given[i] += total_flat[i]
     _share_pose(motion[_STAGES * model.substeps], block, state)
 
 
