@@ -297,6 +297,8 @@ class GaussNewton:
         self.first = problems[0]
         self.second = problems[1] if len(problems) > 1 else None
         self.problems = problems
+        # A solver is updated where the rows are the same array.
+        self._sums = [_sums(problem) for problem in problems]
         self._solvers = [CheckedSolver(tuning.solver) for _ in models]
         outputs = sum(len(model.block.outputs) for model in models)
         self._shapes = (_M,), (tuning.moves, _M), (tuning.horizon, outputs)
@@ -326,7 +328,7 @@ class GaussNewton:
         block = solve_blocks(*blocks, task, 0, False, plan)
         while block != DONE:
             problem = self.problems[block]
-            solution = self._solvers[block].solve(_qp(problem))
+            solution = self._solvers[block].solve(_qp(problem, self._sums[block]))
             reports.append(solution.report)
             if solution.x is None:
                 # An estimate far off may overflow along the horizon.
@@ -350,15 +352,19 @@ class GaussNewton:
         return plan
 
 
-def _qp(problem: Problem) -> QP:
-    """Return the QP at the present steps of a block."""
-    size = len(problem.hessian)
+def _sums(problem: Problem) -> FloatArray:
+    """Return the matrix from the steps of a block to its inputs, (q, q)."""
     m = len(problem.model.block.inputs)
-    sums = np.kron(np.tril(np.ones((size // m, size // m))), np.eye(m))
+    moves = len(problem.hessian) // m
+    return np.kron(np.tril(np.ones((moves, moves))), np.eye(m)).astype(np.float64)
+
+
+def _qp(problem: Problem, sums: FloatArray) -> QP:
+    """Return the QP at the present steps of a block."""
     return QP(
         hessian=problem.hessian,
         gradient=problem.vectors[_GRADIENT],
-        matrix=sums.astype(np.float64),
+        matrix=sums,
         row_lower=problem.limits[_LOWER],
         row_upper=problem.limits[_UPPER],
         lower=problem.limits[_STEP_LOWER],
