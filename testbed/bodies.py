@@ -15,6 +15,7 @@ import mujoco
 from ttempc.jit import FAST, cached_njit
 from ttempc.types import FloatArray
 
+from .kernel_options import INLINED
 from .vectors import Vector, add, cross, subtract
 
 AHEAD: Final = 0
@@ -24,7 +25,7 @@ UP: Final = 2
 
 _VEHICLE: Final = 1  # body whose subtree is the vehicle
 
-_inlined = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+_inlined = cached_njit(**INLINED, fastmath=FAST)
 
 
 class Bodies(NamedTuple):

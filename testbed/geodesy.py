@@ -159,7 +159,8 @@ def utm_degrees(points: FloatArray, zone: int, *, south: bool) -> FloatArray:
 
 def _earth_centred(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> FloatArray:
     """Return earth-centred coordinates X, Y, Z [m], (..., 3)."""
-    phi, lam = np.radians(latitude_deg), np.radians(longitude_deg)
+    phi = np.radians(latitude_deg)
+    lam = np.radians(longitude_deg)
     radius = _SEMI_MAJOR_M / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * np.sin(phi) ** 2)
     across = radius * np.cos(phi)
     polar = (1.0 - _ECCENTRICITY_SQUARED) * radius * np.sin(phi)

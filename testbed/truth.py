@@ -101,8 +101,8 @@ TOOL: Final = np.dtype([(each.name, np.float64) for each in fields(Tool) if each
 
 def _columns(first: str, after: str) -> slice:
     """Return the columns of `TRUTH` from a field up to another."""
-    assert TRUTH.fields is not None
-    return slice(TRUTH.fields[first][1] // 8, TRUTH.fields[after][1] // 8)
+    places = {str(name): item[1] // 8 for name, item in (TRUTH.fields or {}).items()}
+    return slice(places[first], places[after])
 
 
 TRUTH_SIZE: Final = TRUTH.itemsize // 8
@@ -150,5 +150,6 @@ _SCALARS: Final = tuple(each.name for each in fields(Truth) if each.name in MOTI
 
 
 def _tool_of(row: FloatArray) -> Tool:
+    x, y, z, behind, lowered, distance = row[:TOOL_SIZE].tolist()
     depth, draft, side = row[TOOL_SIZE:].reshape(3, -1)
-    return Tool(*row[:TOOL_SIZE].tolist(), depth, draft, side)
+    return Tool(x, y, z, behind, lowered, distance, depth, draft, side)

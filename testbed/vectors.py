@@ -5,13 +5,15 @@ from typing import Final
 
 from ttempc.jit import FAST, cached_njit
 
+from .kernel_options import INLINED
+
 Vector = tuple[float, float, float]
 
 ZERO: Final = (0.0, 0.0, 0.0)
 VERTICAL: Final = (0.0, 0.0, 1.0)
 """Unit vector out of level ground."""
 
-_inlined = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+_inlined = cached_njit(**INLINED, fastmath=FAST)
 
 
 @_inlined

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .guidance.controllers import ESTIMATORS as ESTIMATORS
     from .guidance.controllers import make_controller as make_controller
     from .guidance.guidance import Guidance as Guidance
-    from .guidance.supervisor import SafetyLimits as SafetyLimits
+    from .guidance.safety import SafetyLimits as SafetyLimits
     from .reference.headland import headland as headland
     from .reference.path import Path as Path
     from .reference.path import figure_eight as figure_eight
@@ -52,7 +52,7 @@ _HOME = {
     "estimation.noise": "ProcessNoise SensorNoise",
     "guidance.controllers": "CONTROLLERS ESTIMATORS make_controller",
     "guidance.guidance": "Guidance",
-    "guidance.supervisor": "SafetyLimits",
+    "guidance.safety": "SafetyLimits",
     "reference.headland": "headland",
     "reference.path": "Path figure_eight straight",
     "reference.reference": "ConstantSpeed Reference",

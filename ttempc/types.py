@@ -3,11 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from typing import Final, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .sensors import Sensor as Sensor
 
 FloatArray = NDArray[np.float64]
 
@@ -44,13 +46,13 @@ class Input(IntEnum):
 
 
 class Disturbance(IntEnum):
-    """Index of each entry of a disturbance that acts on the vehicle beside its inputs."""
+    """Index of each entry of a disturbance that acts on the vehicle in addition to its inputs."""
 
     SLIP_T = 0  # [rad] side slip of the rear axle, which moves along psi_t + slip
     SLIP_I = 1  # [rad] side slip of the trailer axle
     STEERING = 2  # [rad] added to the measured front steering: bias, slip of the front axle
     DRIVE = 3  # [m/s^2] added to the acceleration by the hydrostat: soil drag, slope
-    WHEEL = 4  # wheel slip 1 - v / rim, rim: speed of the rims of the driven wheels
+    WHEEL = 4  # wheel slip 1 - v / v_w, v_w: circumferential speed of the driven wheels
 
 
 class MapDisturbance(IntEnum):
@@ -63,21 +65,8 @@ class MapDisturbance(IntEnum):
 
     SIDE_X = 0  # [rad] east
     SIDE_Y = 1  # [rad] north
-    CLIMB_X = 2  # wheel slip on the way east
-    CLIMB_Y = 3  # wheel slip on the way north
-
-
-class Sensor(StrEnum):
-    """Sensors of a vehicle, each with the components of a sample."""
-
-    GNSS_TRACTOR = "gnss_tractor"  # (x, y) [m] of the tractor point, map frame
-    GNSS_TRAILER = "gnss_trailer"  # (x, y) [m] of the trailer point, map frame
-    STEERING_TRACTOR = "steering_tractor"  # (delta_t,) [rad]
-    STEERING_TRAILER = "steering_trailer"  # (delta_i,) [rad]
-    HITCH = "hitch"  # (beta,) [rad], angle between tractor and drawbar at RJ1
-    ENCODER = "encoder"  # (v,) [m/s], rim speed of the rear wheels
-    IMU_TRACTOR = "imu_tractor"  # (yaw rate [rad/s], roll, pitch [rad]): left up, nose down
-    IMU_TRAILER = "imu_trailer"  # the same of the trailer
+    CLIMB_X = 2  # wheel slip of a vehicle that drives east
+    CLIMB_Y = 3  # wheel slip of a vehicle that drives north
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +90,9 @@ class Innovation(NamedTuple):
     sensor: Sensor
     normalised_squared: float  # nu' S^-1 nu, chi-square with `dimension` degrees of freedom
     dimension: int
-    accepted: bool = True  # False where the gate kept the sample out of the estimate
+    accepted: bool = True  # False where the gate rejected the sample
     whitened: tuple[float, ...] = ()  # L^-1 nu with S = L L'; empty where it is not known
-    log_determinant: float = math.nan  # log det S
+    log_determinant: float = math.nan  # log det S, NaN where it is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +233,8 @@ class Controller(Protocol):
     """Anything that turns an estimate into a command once every control period.
 
     A controller owns its reference and its memory; it never sees the plant. Tick k belongs to
-    time k * period of the reference, which waits where the vehicle is held up: then k repeats.
+    time k * period of the reference. It waits where the supervisor slows the vehicle: then k
+    repeats.
     """
 
     def step(self, estimate: Estimate, k: int) -> ControlStep | Command:

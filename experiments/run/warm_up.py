@@ -36,15 +36,16 @@ def _compile() -> None:
     """Compile correction, controller, detectors and physics steps of the default scenario."""
     import numpy as np
 
-    from ttempc.estimation.filter import ROW, correct, filter_parameters
+    from ttempc.estimation.filter.correct import CORRECTION_SIZE, Reading, correct
+    from ttempc.estimation.filter.records import SNAPSHOT_SIZE, filter_parameters
     from ttempc.estimation.noise import ProcessNoise, SensorNoise
-    from ttempc.jit.rows import WIDTH
     from ttempc.types import Command, WarmingUp
     from ttempc.vehicle import Vehicle
 
     parameters = filter_parameters(Vehicle(), SensorNoise(), ProcessNoise())
-    workspace = np.empty((8, 2, WIDTH))
-    correct(parameters, np.zeros(ROW), 0, 0.0, 0.0, 1.0, False, False, workspace)
+    reading = Reading(sensor=0, first=0.0, second=0.0, variance=1.0)
+    snapshot = np.zeros(SNAPSHOT_SIZE)
+    correct(parameters, snapshot, reading, False, False, np.empty(CORRECTION_SIZE))
 
     from ..scenario.scenario import load
     from .assembly import assemble

@@ -14,6 +14,7 @@ from ttempc.errors import InvalidTuning
 from ttempc.estimation.noise import SensorNoise
 from ttempc.guidance.controllers import CONTROLLERS, ESTIMATORS, controller_options, speed_tube
 from ttempc.reference.corridor import SpeedTube
+from ttempc.sensors import OTHERS, ROW_OF
 from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle
 
@@ -67,7 +68,7 @@ class NoiseSettings:
     gnss_correlation_time_s: DurationS | None = None
     """Correlation time of that rest."""
     gnss_correlation_m: NotNegative | None = None
-    """The same by the way travelled; 0: by time alone."""
+    """Distance over which it fades as well; 0: by time alone."""
     gnss_shared: Fraction | None = None
     """Share of the correlated variance that both receivers have in common."""
     gnss_float_sd_m: NotNegative | None = None
@@ -79,7 +80,7 @@ class NoiseSettings:
     antenna_height_t_m: NotNegative = 0.0
     """Antenna of the tractor above the axle point; raw positions are corrected with the IMU."""
     antenna_height_i_m: NotNegative = 0.0
-    """The same of the trailer."""
+    """Antenna of the trailer above the axle point; raw positions are corrected with the IMU."""
 
     def filled(self, sensors: SensorSpecification) -> NoiseSettings:
         """Return the table with the absent keys filled in, each at least 0.001 in its SI unit."""
@@ -106,6 +107,11 @@ class NoiseSettings:
             antenna_height_i=self.antenna_height_i_m,
             attitude=max(math.radians(sensors.imu.angle_sd_deg), _MIN_SD),
             attitude_bias=max(math.radians(sensors.imu.angle_bias_sd_deg), _MIN_SD),
+            others=tuple(
+                (sensor, max(plain.sd, _MIN_SD))
+                for sensor, plain in sensors.plain_sensors.items()
+                if ROW_OF[sensor].noise == OTHERS
+            ),
         )
 
     def mismatch(self, sensors: SensorSpecification) -> tuple[ParameterMismatch, ...]:

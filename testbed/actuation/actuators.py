@@ -26,6 +26,7 @@ from ttempc.vehicle import MAX_DEAD_TIME_S
 from ..configuration.config_io import STRICT, NotNegative
 from ..discretisation import whole_steps
 from ..errors import InvalidPlant
+from ..kernel_options import KERNEL
 from ..vehicle.vehicle import Steering
 
 _ROUNDING: Final = 1e-12  # [rad] a set point at the edge of the dead band is inside it
@@ -92,7 +93,7 @@ VALVE_STATE: Final = np.dtype(
     [
         ("step", np.float64),  # physics steps since the start
         ("cylinder", np.float64, (_AXES,)),  # angle to which the valve moves the cylinder
-        ("set_point", np.float64, (_AXES,)),  # of the servo
+        ("set_point", np.float64, (_AXES,)),  # angle or position that the servo is given
         ("wheel", np.float64, (_AXES,)),  # angle to which the cylinder moves the wheel
     ]
 )
@@ -143,7 +144,7 @@ class Actuators:
                 _steering_axis("trailer", specification.trailer, timestep, steering[1]),
                 _hydrostat_axis(specification.hydrostat, timestep),
             ]
-        )  # rows `VALVE`
+        )  # rows `VALVE` of front, trailer and hydrostat
 
     def start(self, hp: float) -> FloatArray:
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
@@ -168,7 +169,7 @@ class Actuators:
         return front, trailer, hydrostat
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def move_valves(
     axes: FloatArray, state: FloatArray, command: FloatArray, delta_t: float, delta_i: float
 ) -> None:
@@ -223,7 +224,7 @@ def move_valves(
         valves.set_point[axis] = set_point
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def put_set_points(state: FloatArray, ctrl: FloatArray) -> None:
     """Write the set points into MuJoCo's controls, (3,)."""
     valves = record(state, VALVE_STATE)

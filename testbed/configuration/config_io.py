@@ -38,8 +38,10 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 
 _MOST_BYTES: Final = 4 * 2**20  # of a file; those that ship have 4,000
 _MOST_LEVELS: Final = 20  # of tables and lists inside each other
-_MOST_CHARACTERS: Final = 10_000  # of a text
-_SMALLEST, _LARGEST = 1e-12, 1e12  # magnitudes of numbers; the ranges of most keys are narrower
+_MOST_CHARACTERS: Final = 10_000  # in a text of a file
+# magnitudes of numbers; the ranges of most keys are narrower
+_SMALLEST: Final = 1e-12
+_LARGEST: Final = 1e12
 _MOST_SHOWN: Final = 300  # characters of a wrong value
 Table = TypeVar("Table")
 

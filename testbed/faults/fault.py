@@ -48,7 +48,7 @@ class Window:
 class FaultContext:
     """Parts of a scenario on which it depends whether a fault can act."""
 
-    period_s: float  # control period
+    period_s: float  # length of a control period [s]
     sensors: SensorSpecification
     vehicle: PlantVehicle
     soil_wheels: bool  # the wheels have forces of the soil, not MuJoCo's contacts
@@ -59,7 +59,7 @@ class Key(NamedTuple):
     """A key of a fault; without a default it is required."""
 
     name: str
-    type: Any  # with its range
+    type: Any  # type of the value, with its range
     meaning: str
     default: Any = ...
 

@@ -52,8 +52,10 @@ class SampleFaults:
             acts = window.hold(samples[:, _TAKEN])
             if not acts.any():
                 continue
-            sensors, places = np.where(acts, samples[:, 1], -1.0), np.arange(len(samples))
-            parts, order = [], []
+            sensors = np.where(acts, samples[:, 1], -1.0)
+            places = np.arange(len(samples))
+            parts = []
+            order = []
             for number in np.unique(sensors):
                 mine = sensors == number
                 change = filters.get(int(number))
@@ -93,7 +95,9 @@ class FaultyActuators:
         timestep: float,
         stops: tuple[float, float],
     ) -> None:
-        self._path, self._faults, self._timestep = path, tuple(faults), timestep
+        self._path = path
+        self._faults = tuple(faults)
+        self._timestep = timestep
         self._stops = (*stops, 1.0)
 
     def start(self, hp: float) -> FaultyState:
@@ -119,12 +123,14 @@ class FaultyActuators:
                 buses[k] = fault.row.effect(fault, bus, command, now_s)
                 command = buses[k].arrived
         inner = self._path.step(state.inner, command, delta_t, delta_i)
-        set_points, moved = list(self._path.set_points(inner)), dict[int, float]()
+        set_points = list(self._path.set_points(inner))
+        moved = dict[int, float]()
         for k in active:
             fault = self._faults[k][0]
             if fault.row.on == "valve":
                 axis = valve(fault)
-                memory, stop = state.moved.get(k, present[axis]), self._stops[axis]
+                memory = state.moved.get(k, present[axis])
+                stop = self._stops[axis]
                 target = set_points[axis]
                 moved[k] = fault.row.effect(fault, memory, target, self._timestep, stop)
                 set_points[axis] = moved[k]

@@ -15,6 +15,8 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
+from ttempc.layout import SAMPLE, SampleColumn
+from ttempc.sensors import SensorKind, sensors_of_kind
 from ttempc.types import Command, FloatArray, Sensor
 
 from ..actuation.actuators import past_backlash
@@ -73,9 +75,14 @@ SampleFilter = Callable[[FloatArray], FloatArray]
 Rows have time, `SensorIndex`, three components, due physics step; the array is the filter's own.
 """
 
-_TIME, _INDEX, _VALUE, _DUE = 0, 1, slice(2, 5), 5  # columns
-_GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
-_ANGLES: Final = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH)
+# Columns of such rows
+_TIME: Final = SampleColumn.TIME_S
+_INDEX: Final = SampleColumn.SENSOR
+_VALUE: Final = slice(SampleColumn.FIRST, SAMPLE)
+_DUE: Final = SAMPLE
+
+_GNSS: Final = sensors_of_kind(SensorKind.POSITION)
+_ANGLES: Final = sensors_of_kind(SensorKind.ANGLE)
 _SETS: Final = {
     "both": _GNSS,
     "tractor": _GNSS[:1],
@@ -181,14 +188,16 @@ def _outlier(fault: Made, run: Sampling) -> SampleFilter:
 
 
 def _float(fault: Made, run: Sampling) -> SampleFilter:
-    rng, period_s = run.rng, 1.0 / run.specification.gnss_rate_hz
+    rng = run.rng
+    period_s = 1.0 / run.specification.gnss_rate_hz
     sd = np.full(2, fault.sd_m)
     error = Correlated(sd, 0.0, fault.correlation_time_s, period_s, rng, rng)
     return _added(lambda times_s: error.errors(len(times_s)))
 
 
 def _angle_drift(fault: Made, run: Sampling) -> SampleFilter:
-    rate, begin = math.radians(fault.rate_degps), run.window.start_s
+    rate = math.radians(fault.rate_degps)
+    begin = run.window.start_s
     return _added(lambda t: rate * (t - begin)[:, None])
 
 
@@ -232,7 +241,8 @@ def _late(fault: Made, bus: BusState, command: Command, now_s: float) -> BusStat
     if command != newest:
         under_way = (*under_way, (now_s + fault.delay_s, command))
     while under_way and under_way[0][0] <= now_s + SAME_TIME_S:
-        arrived, under_way = under_way[0][1], under_way[1:]
+        arrived = under_way[0][1]
+        under_way = under_way[1:]
     return BusState(arrived, under_way)
 
 
@@ -253,11 +263,11 @@ def _not_slower(fault: Made, context: FaultContext) -> str:
     return f"got rate_degps {fault.rate_degps:g}, must be below that of the valve, {rate:g}"
 
 
-def _too_much_play(fault: Made, context: FaultContext) -> str:
+def _too_much_backlash(fault: Made, context: FaultContext) -> str:
     stop = _steering(fault, context).limit_deg
-    if fault.play_deg < stop:
+    if fault.backlash_deg < stop:
         return ""
-    return f"got play_deg {fault.play_deg:g}, must be below the stop at {stop:g}"
+    return f"got backlash_deg {fault.backlash_deg:g}, must be below the stop at {stop:g}"
 
 
 # --- plant: forces on its bodies, parameters that change while it drives --------------------------
@@ -303,7 +313,8 @@ def _no_shift(fault: Made, context: FaultContext) -> str:
         return "the trailer is empty, plant.vehicle.load_kg is 0"
     box = context.vehicle.box
     for key, size in (("left_m", box.width_m), ("forward_m", box.length_m)):
-        shift, most = getattr(fault, key), _LARGEST_SHIFT * size
+        shift = getattr(fault, key)
+        most = _LARGEST_SHIFT * size
         if abs(shift) > most:
             return f"got {key} {shift:g}, must be at most {most:g}, half the box"
     return "" if fault.left_m or fault.forward_m else "left_m and forward_m are 0"
@@ -323,7 +334,8 @@ def _flat(fault: Made, plant: Plant) -> Effect:
 def _not_flat(fault: Made, context: FaultContext) -> str:
     if not context.soil_wheels:
         return 'plant.wheels must be "soil"'
-    loss, wheel = fault.radius_loss_m, context.vehicle.wheels[fault.wheel.split("_")[0]]
+    loss = fault.radius_loss_m
+    wheel = context.vehicle.wheels[fault.wheel.split("_")[0]]
     if loss > 0.5 * wheel.radius_m:
         most = f"{0.5 * wheel.radius_m:g}, half the radius"
         return f"got radius_loss_m {loss:g}, must be at most {most}"
@@ -450,11 +462,11 @@ _TABLE: Final = (
         "A steering valve is fully open to one side: the axis runs to its stop.",
         (_SIDE,), lambda f, memory, target, timestep, stop: stop if f.side == "left" else -stop),
     Row("front_steering_play trailer_steering_play", "valve",
-        "A steering linkage is worn: the wheel follows its cylinder with play.",
-        (Key("play_deg", Positive, "Whole play."),),
+        "A steering linkage is worn: the wheel follows its cylinder with backlash.",
+        (Key("backlash_deg", Positive, "Whole angle of the backlash."),),
         lambda f, memory, target, timestep, stop: past_backlash(
-            memory, target, math.radians(f.play_deg)),
-        _too_much_play),
+            memory, target, math.radians(f.backlash_deg)),
+        _too_much_backlash),
     Row("hydrostat_cut", "valve",
         "The position of the hydrostat falls to 0, whatever is commanded.",
         (), lambda f, memory, target, timestep, stop: 0.0),

@@ -49,9 +49,11 @@ class Feature:
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return the height [m] that is added at (x, y) [m]."""
         x0, y0 = self.place or (0.0, 0.0)
-        dx, dy = np.asarray(x) - x0, np.asarray(y) - y0
+        dx = np.asarray(x) - x0
+        dy = np.asarray(y) - y0
         direction = math.radians(getattr(self, self.direction_key))
-        cosine, sine = math.cos(direction), math.sin(direction)
+        cosine = math.cos(direction)
+        sine = math.sin(direction)
         return self._height(cosine * dx + sine * dy, cosine * dy - sine * dx)
 
     @abstractmethod

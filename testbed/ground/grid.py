@@ -71,7 +71,7 @@ class Grid:
                 lines = read_bounded(path, MOST_TEXT_BYTES).decode().replace(",", " ").splitlines()
                 some = any(line.partition("#")[0].strip() for line in lines)
                 values = np.loadtxt(lines, ndmin=2) if some else np.empty((0, 0))
-            values = values.astype(np.float64, casting="same_kind")  # no complex numbers
+            values = values.astype(np.float64, casting="same_kind")  # refuses complex numbers
         except OSError as error:
             raise InvalidField(f"{where}: {error.strerror}") from error
         except (ValueError, TypeError, EOFError, TokenError) as error:
@@ -114,8 +114,11 @@ class Grid:
     def contains(self, x: ArrayLike, y: ArrayLike, margin: float = 0.0) -> bool:
         """Return whether every point (x, y) [m] lies at least `margin` [m] inside the grid."""
         if isinstance(x, float) and isinstance(y, float):  # numpy takes 8 us for one point
-            (ny, nx), (x0, y0), side = self.values.shape, self.origin, self.spacing_m
-            width, depth = (nx - 1) * side, (ny - 1) * side
+            (ny, nx) = self.values.shape
+            (x0, y0) = self.origin
+            side = self.spacing_m
+            width = (nx - 1) * side
+            depth = (ny - 1) * side
             return margin <= x - x0 <= width - margin and margin <= y - y0 <= depth - margin
         return bool(np.all(self.inside(x, y, margin)))
 
@@ -128,7 +131,8 @@ class Grid:
         v = np.minimum(np.maximum(v, 0.0), ny - 1.0)
         i = np.minimum(u.astype(np.int64), nx - 2)
         j = np.minimum(v.astype(np.int64), ny - 2)
-        p, q = u - i, v - j
+        p = u - i
+        q = v - j
         south = (1.0 - p) * self.values[j, i] + p * self.values[j, i + 1]
         north = (1.0 - p) * self.values[j + 1, i] + p * self.values[j + 1, i + 1]
         return (1.0 - q) * south + q * north

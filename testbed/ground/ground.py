@@ -39,10 +39,12 @@ class Ground:
         Beyond the grid it is that of the border. Half way, the point with the larger coordinate
         counts.
         """
-        (ny, nx), terrain = self.cone_index.shape, self.terrain
+        (ny, nx) = self.cone_index.shape
+        terrain = self.terrain
         column = np.floor((x - terrain.origin[0]) / terrain.spacing_m + 0.5)
         row = np.floor((y - terrain.origin[1]) / terrain.spacing_m + 0.5)
-        rows, columns = np.clip(row, 0, ny - 1), np.clip(column, 0, nx - 1)
+        rows = np.clip(row, 0, ny - 1)
+        columns = np.clip(column, 0, nx - 1)
         return self.cone_index[rows.astype(np.int64), columns.astype(np.int64)]
 
     def to_npz(self) -> bytes:

@@ -128,7 +128,8 @@ class Patch:
 
     def over(self, below: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the cone index [kPa] at (x, y) [m] over that of the layers below [kPa]."""
-        dx, dy = x - self.x_m, y - self.y_m
+        dx = x - self.x_m
+        dy = y - self.y_m
         covered = (dx / self.radius_m) ** 2 + (dy / self.radius_m) ** 2 <= 1.0
         return np.where(covered, self.cone_index_kpa, below)
 
@@ -231,7 +232,8 @@ class RandomStrength:
             InvalidField: the correlation length is shorter than the spacing of the grid or longer
                 than the grid.
         """
-        spacing, longest = grid.spacing_m, max(grid.size_m)
+        spacing = grid.spacing_m
+        longest = max(grid.size_m)
         if not spacing <= self.correlation_m <= longest:
             raise InvalidField(
                 f"random soil: got correlation length {self.correlation_m} m, must be at least the "

@@ -5,9 +5,10 @@ from typing import NamedTuple, Self
 from ttempc.jit import FAST, cached_njit
 from ttempc.types import FloatArray
 
+from ..kernel_options import INLINED
 from .ground import Ground
 
-_inlined = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+_inlined = cached_njit(**INLINED, fastmath=FAST)
 
 
 class Grid(NamedTuple):
@@ -29,7 +30,8 @@ class Surface(NamedTuple):
     def of(cls, ground: Ground, heights: FloatArray | None = None) -> Self:
         """Return the surface of a ground, with heights in place of its own where they are given."""
         terrain = ground.terrain
-        grid = Grid(*map(float, terrain.origin), float(terrain.spacing_m))
+        x, y = terrain.origin
+        grid = Grid(float(x), float(y), float(terrain.spacing_m))
         return cls(grid, terrain.heights if heights is None else heights, ground.cone_index)
 
 

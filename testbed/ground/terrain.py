@@ -80,7 +80,8 @@ class Terrain(Grid):
         if not math.isfinite(uphill_rad):
             raise InvalidField(f"terrain: got uphill direction {uphill_rad}, must be finite")
         x, y = self.points()
-        x, y = x - self.centre[0], y - self.centre[1]
+        x = x - self.centre[0]
+        y = y - self.centre[1]
         along = math.cos(uphill_rad) * x + math.sin(uphill_rad) * y  # (ny, nx)
         return Terrain(self.heights + math.tan(slope_rad) * along, self.spacing_m, self.origin)
 

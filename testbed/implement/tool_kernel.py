@@ -26,6 +26,7 @@ from ttempc.types import FloatArray
 
 from ..bodies import AHEAD, LEFT, UP, Bodies, apply_wrench, axis_of, row_vector, velocity_of
 from ..ground.surface import Surface, ground_below
+from ..kernel_options import INLINED, KERNEL
 from ..vectors import ZERO, Vector, add, cross, dot, scale, subtract
 from .implement import POINTS, Implement, draft_equation
 
@@ -47,7 +48,7 @@ class ToolLaw:
     draft_square: float  # [N s^2/m^3]
     side: float  # [N/m] per depth and radian of slip angle
     side_limit: float  # [N/m] per depth
-    exponent: float  # of the strength
+    exponent: float  # of the soil's strength in all forces
     background: float  # [kPa] cone index to which a strength is compared
 
     @classmethod
@@ -107,7 +108,7 @@ class Tools(NamedTuple):
     timestep: float  # [s]
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def tool_step(tools: Tools) -> None:
     """Advance distance and lift by a time step and write the forces of the soil on the trailer."""
     law = record(tools.law, TOOL_LAW)
@@ -149,7 +150,7 @@ def tool_step(tools: Tools) -> None:
     apply_wrench(bodies, trailer, force, moment)
 
 
-@cached_njit(error_model="numpy", boundscheck=False, inline="always")
+@cached_njit(**INLINED)
 def _move_lift(tools: Tools, law: Any, speed: float) -> float:  # noqa: ANN401 - a record `TOOL_LAW`
     """Advance distance and lift by a time step and return the lowered share.
 
@@ -173,7 +174,7 @@ def _move_lift(tools: Tools, law: Any, speed: float) -> float:  # noqa: ANN401 -
     return lowered
 
 
-@cached_njit(error_model="numpy", boundscheck=False, inline="always")
+@cached_njit(**INLINED)
 def _soil_forces(
     law: Any,  # noqa: ANN401 - a record `TOOL_LAW`
     depth: float,

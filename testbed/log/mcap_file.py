@@ -33,11 +33,14 @@ class McapFile:
     """Writer of an MCAP file; all but `add` raise the `OSError` of its stream, which stays open."""
 
     def __init__(self, stream: BinaryIO, library: str) -> None:
-        self._stream, self._place, self._crc = stream, 0, 0
-        self._builder, self._compressor = RecordBuilder(), ZstdCompressor(_LEVEL)
+        self._stream = stream
+        self._place = 0
+        self._crc = 0
+        self._builder = RecordBuilder()
+        self._compressor = ZstdCompressor(_LEVEL)
         self._summary: list[records.McapRecord] = []
         self._parts: list[memoryview] = []  # of the next chunk
-        self._size = 0  # of the parts
+        self._size = 0  # bytes of the parts so far
         self._index: dict[int, list[NDArray[np.uint64]]] = {}  # of its channels: times, places
         self._counts: Counter[int] = Counter()  # messages of each channel
         self._spans: list[int] = []  # first and last times [ns] of the chunks
@@ -66,13 +69,15 @@ class McapFile:
         """Add messages (n, bytes) of a channel at the times (n,) [ns] to the next chunk."""
         count, length = messages.shape
         head = _HEAD.pack(Opcode.MESSAGE, 22 + length, channel, 0, 0, 0)
-        stride, size = _HEAD.size + length, self._size
+        stride = _HEAD.size + length
+        size = self._size
         part = np.empty((count, stride), np.uint8)
         part[:, : _HEAD.size] = np.frombuffer(head, np.uint8)
         part[:, _HEAD.size :] = messages
         np.ndarray((count, 2), "<u8", part.data, _TIMES, (stride, 8))[:] = times_ns[:, None]
         index = np.empty((count, 2), "<u8")
-        index[:, 0], index[:, 1] = times_ns, np.arange(size, size + count * stride, stride)
+        index[:, 0] = times_ns
+        index[:, 1] = np.arange(size, size + count * stride, stride)
         self._index.setdefault(channel, []).append(index)
         self._parts.append(part.data)
         self._size += part.size
@@ -82,14 +87,19 @@ class McapFile:
         if self._size:
             data = b"".join(self._parts)
             index = {channel: np.concatenate(parts) for channel, parts in self._index.items()}
-            self._parts, self._index, self._size = [], {}, 0
+            self._parts = []
+            self._index = {}
+            self._size = 0
             times = np.concatenate(list(index.values()))[:, 0]
-            first, last = int(times.min()), int(times.max())
+            first = int(times.min())
+            last = int(times.max())
             self._spans += first, last
             packed = self._compressor.compress(data)
-            size, crc = len(data), zlib.crc32(data)
+            size = len(data)
+            crc = zlib.crc32(data)
             place, length = self.put(records.Chunk(_ZSTD, packed, last, first, crc, size))
-            start, places = self._place, {}
+            start = self._place
+            places = {}
             for channel, entries in index.items():
                 places[channel] = self._place
                 self._counts[channel] += len(entries)
@@ -115,8 +125,10 @@ class McapFile:
             schema_count=counts[records.Schema],
         )
         self.put(records.DataEnd(self._crc))
-        start, self._crc = self._place, 0  # from here on of the summary
-        summary, self._summary = [*self._summary, statistics], []
+        start = self._place
+        self._crc = 0  # from here on it is that of the summary
+        summary = [*self._summary, statistics]
+        self._summary = []
         for record in sorted(summary, key=lambda record: _SUMMARY.index(type(record))):
             self.put(record)
         head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, 0)  # no table of the groups

@@ -4,7 +4,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from typing import Final
 
-_MOST_CHARACTERS: Final = 4_000_000  # ours have 200,000
+_MOST_CHARACTERS: Final = 4_000_000  # the project's own models have 200,000
 _MOST_LEVELS: Final = 32
 _MOST_PIXELS: Final = 4096  # of a side of a texture or picture
 _MOST_CELLS: Final = 20_000_000  # of all height fields

@@ -41,7 +41,7 @@ _MOST_FILE_BYTES: Final = 2 * 2**30
 _MOST_BYTES: Final = 2 * 2**30  # of all chunks, decompressed
 _MOST_RATIO: Final = 64  # of decompressed bytes to those of the file
 _SMALL_BYTES: Final = 64 * 2**20  # decompressed, at any ratio
-_MOST_MESSAGES: Final = 10_000_000  # read into memory
+_MOST_MESSAGES: Final = 10_000_000  # that are read into memory
 
 _DATA_END_BYTES: Final = 13  # https://mcap.dev/spec#data-end-op0x0f
 _CRC_BYTES: Final = 4
@@ -66,6 +66,39 @@ class Content:
     salvage: str
 
 
+class _Found:
+    """What the records of a log have said so far."""
+
+    def __init__(self) -> None:
+        self.metadata: dict[str, str] = {}
+        self.attachments: dict[str, bytes] = {}
+        self.topics: dict[str, Topic] = {}
+        self.messages: dict[str, list[Message]] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._names: dict[int, str] = {}  # name of the topic of each channel
+
+    def take(self, record: McapRecord, is_read: Callable[[str], bool]) -> None:
+        """Take over a record; messages only on topics for which `is_read` is true."""
+        match record:
+            case Metadata(name=name, metadata=content) if name == RUN_METADATA:
+                self.metadata = dict(content)
+            case Attachment(name=name, data=content):
+                self.attachments[name] = content
+            case Schema() as schema:
+                self._schemas[schema.id] = schema
+            case McapChannel(id=number, topic=name) as each if each.schema_id in self._schemas:
+                schema = self._schemas[each.schema_id]
+                self._names[number] = name
+                self.topics[name] = Topic(name, schema.name, schema.data, dict(each.metadata))
+                if is_read(name):
+                    self.messages.setdefault(name, [])
+            case Message() as message:
+                if (name := self._names.get(message.channel_id, "")) in self.messages:
+                    self.messages[name].append(message)
+            case _:
+                pass
+
+
 def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
     """Return the content of a log on the topics for which `is_read` is true.
 
@@ -79,14 +112,15 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
     path = log_path(path)
     data = _bytes(path)
     limit = min(_MOST_BYTES, max(_SMALL_BYTES, _MOST_RATIO * len(data)))
-    chunks, left_out, unpacked, count, last_ns = 0, 0, 0, 0, 0
-    metadata: dict[str, str] = {}
-    attachments: dict[str, bytes] = {}
-    schemas: dict[int, Schema] = {}
-    names: dict[int, str] = {}  # of the topics by their channels
-    topics: dict[str, Topic] = {}
-    messages: dict[str, list[Message]] = {}
-    faults, ends = [], 0  # of the sections of data and summary
+    chunks = 0
+    left_out = 0
+    unpacked = 0
+    count = 0
+    last_ns = 0
+
+    found = _Found()
+    faults: list[str] = []
+    ends = 0  # of the sections of data and summary
     stream = io.BytesIO(data)
     try:
         for record in StreamReader(stream, emit_chunks=True).records:
@@ -103,26 +137,13 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
                 except _DAMAGE:
                     left_out += 1
                     continue
-                chunks, last_ns = chunks + 1, max(last_ns, record.message_end_time)
+                chunks += 1
+                last_ns = max(last_ns, record.message_end_time)
                 count += len(parts)
                 if count > _MOST_MESSAGES:
                     raise LogError(f"{path}: more than {_MOST_MESSAGES} messages, the limit")
             for part in parts:
                 match part:
-                    case Metadata(name=name, metadata=content) if name == RUN_METADATA:
-                        metadata = dict(content)
-                    case Attachment(name=name, data=content):
-                        attachments[name] = content
-                    case Schema() as schema:
-                        schemas[schema.id] = schema
-                    case McapChannel(id=number, topic=name) as each if each.schema_id in schemas:
-                        schema, names[number] = schemas[each.schema_id], name
-                        topics[name] = Topic(name, schema.name, schema.data, dict(each.metadata))
-                        if is_read(name):
-                            messages.setdefault(name, [])
-                    case Message() as message:
-                        if (name := names.get(message.channel_id, "")) in messages:
-                            messages[name].append(message)
                     case DataEnd(data_section_crc=crc):
                         ends += 1
                         if zlib.crc32(memoryview(data)[: stream.tell() - _DATA_END_BYTES]) != crc:
@@ -132,7 +153,7 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
                         if zlib.crc32(data[start : stream.tell() - _CRC_BYTES]) != crc:
                             faults.append("checksum of the summary wrong")
                     case _:
-                        pass
+                        found.take(part, is_read)
     except (EndOfFile, struct.error):
         faults.append("truncated")
     except _DAMAGE as error:
@@ -142,11 +163,20 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
     skipped = f", {left_out} left out" if left_out else ""
     salvage = f"{chunks} whole chunks{skipped}, up to {last_ns / 1e9:.2f} s; "
     salvage = salvage + faults[0] if faults else ""
+    _check_format(path, found.metadata)
+    return Content(path, found.metadata, found.attachments, found.topics, found.messages, salvage)
+
+
+def _check_format(path: Path, metadata: dict[str, str]) -> None:
+    """Take the format out of the metadata of a log and refuse another one.
+
+    Raises:
+        LogError: the log is of another format or describes no run.
+    """
     if not metadata:
         raise LogError(f"{path}: describes no run: not a log of ttempc, or truncated at its start")
     if (version := metadata.pop(FORMAT_KEY, "none")) != FORMAT:
         raise LogError(f"{path}: log format {version}, this version reads {FORMAT}")
-    return Content(path, metadata, attachments, topics, messages, salvage)
 
 
 def _unpacked(chunk: Chunk) -> list[McapRecord]:
@@ -200,7 +230,8 @@ def record_of(content: Content, channels: Sequence[Channel] = CHANNELS) -> Recor
     Raises:
         LogError: a channel has other fields than in this version, or its messages do not decode.
     """
-    tables, found = {}, content.messages
+    tables = {}
+    found = content.messages
     for channel in channels:
         with decoding(content.path, channel.topic):
             _check_fields(content, channel)
@@ -228,7 +259,8 @@ def _check_fields(content: Content, channel: Channel) -> None:
 
 
 def _table(channel: Channel, messages: Sequence[Message]) -> Table:
-    parse, numbers = message_class(channel).FromString, attrgetter(*row_fields(channel))
+    parse = message_class(channel).FromString
+    numbers = attrgetter(*row_fields(channel))
     flat = array("d")
     for message in messages:
         flat.extend(numbers(parse(message.data)))

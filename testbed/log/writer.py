@@ -50,7 +50,8 @@ def begin_log(
         if name not in schemas:
             schemas[name] = 1 + len(schemas)
             file.put(Schema(schemas[name], topic.schema, SchemaEncoding.Protobuf, name))
-        about, encoding = dict(topic.metadata), MessageEncoding.Protobuf
+        about = dict(topic.metadata)
+        encoding = MessageEncoding.Protobuf
         file.put(Channel(number, topic.name, encoding, about, schemas[name]))
         numbers[topic.name] = number
     return file, numbers
@@ -97,7 +98,7 @@ class LogWriter(Publisher):
                 self._stream, metadata, attachments, topics_of(channels)
             )
         self._thread = ThreadPoolExecutor(1, "log")  # starts with the first batch
-        self._written: Future[None] | None = None  # the latest batch
+        self._written: Future[None] | None = None  # the batch that a thread writes
         self._next_s = _PERIOD_S
         super().__init__(scenery or Scenery(), channels)
 

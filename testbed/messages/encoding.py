@@ -52,7 +52,9 @@ _NS_PER_S: Final = 1_000_000_000
 # Both varints of a stamp take five bytes, of any time below 1,000 years: messages have one length.
 _STAMP: Final = Timestamp(seconds=1 << 30, nanos=1 << 30)
 _STAMP_DATA: Final = _STAMP.SerializeToString()
-_SECONDS, _NANOS = slice(1, 6), slice(7, 12)  # places of the varints in a stamp
+# places of the varints in a stamp
+_SECONDS: Final = slice(1, 6)
+_NANOS: Final = slice(7, 12)
 
 
 def nanoseconds(times_s: FloatArray | float) -> TimesNs:
@@ -93,7 +95,8 @@ class Template:
 
     def fill(self, values: FloatArray, times_ns: TimesNs | None = None) -> Encoded:
         """Return n messages with the numbers `values` (n, doubles) at the times (n,) [ns]."""
-        count, length = len(values), len(self._data)
+        count = len(values)
+        length = len(self._data)
         filled = np.empty((count, length), np.uint8)
         filled[:] = self._data
         if self._stamps and times_ns is not None:
@@ -169,7 +172,9 @@ def encode_paths(times_ns: TimesNs, lines: FloatArray) -> Encoded:
     """Return lines (n, points, 3) [m] as PosesInFrame; a pose has the heading to the next point."""
     poses = np.zeros((*lines.shape[:2], 7))
     half = 0.5 * headings(lines)
-    poses[..., :3], poses[..., 3], poses[..., 6] = lines, np.cos(half), np.sin(half)
+    poses[..., :3] = lines
+    poses[..., 3] = np.cos(half)
+    poses[..., 6] = np.sin(half)
     parts = _PATH_POSE.fill(single(poses.reshape(-1, 7)))
     heads = _PATH_HEAD.fill(np.empty((len(lines), 0)), times_ns)
     return np.hstack([heads, parts.reshape(len(lines), -1)])
@@ -190,9 +195,12 @@ def encode_event(event: Event) -> bytes:
 
 def quaternions(poses: FloatArray) -> FloatArray:
     """Return the attitudes w, x, y, z, (n, 4), of poses (n, 6), R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    (cy, cp, cr), (sy, sp, sr) = np.cos(0.5 * poses[:, 3:].T), np.sin(0.5 * poses[:, 3:].T)
-    w, x = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr
-    y, z = cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr
+    (cy, cp, cr) = np.cos(0.5 * poses[:, 3:].T)
+    (sy, sp, sr) = np.sin(0.5 * poses[:, 3:].T)
+    w = cy * cp * cr + sy * sp * sr
+    x = cy * cp * sr - sy * sp * cr
+    y = cy * sp * cr + sy * cp * sr
+    z = sy * cp * cr - cy * sp * sr
     return np.column_stack([w, x, y, z])
 
 
@@ -231,7 +239,8 @@ def descriptor_set(channel: Channel) -> FileDescriptorSet:
         name=f"{PACKAGE}/{short_name}.proto", package=PACKAGE, syntax="proto3"
     )
     message = file.message_type.add(name=short_name)
-    kind, label = FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.LABEL_OPTIONAL
+    kind = FieldDescriptorProto.TYPE_DOUBLE
+    label = FieldDescriptorProto.LABEL_OPTIONAL
     for number, name in enumerate(row_fields(channel), start=1):
         message.field.add(name=name, number=number, type=kind, label=label)
     comment = SourceCodeInfo.Location(

@@ -47,7 +47,7 @@ _DRIVEN_PERIOD_S: Final = 5.0  # between driven paths, at least
 # ... and at least this share of the time driven: every message repeats the whole path, and with a
 # fixed period their sum would grow with the square of the time.
 _DRIVEN_SHARE: Final = 0.01
-_DRIVEN_STEP_M: Final = 1.0  # between its points
+_DRIVEN_STEP_M: Final = 1.0  # between points of the driven path
 _GNSS: Final = (  # topic, frame, columns of x, y and sample time in `MEASUREMENT`
     (topics.GNSS_TOPIC, "tractor", topics.MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
     (topics.GNSS_TRAILER_TOPIC, "trailer", topics.MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
@@ -85,11 +85,13 @@ def topics_of(channels: Sequence[Channel] = CHANNELS) -> list[Topic]:
     """Return every topic of a run: its flat channels, then the topics that viewers draw."""
     found = []
     for each in _with_error(channels):
-        schema, names = descriptor_set(each), row_fields(each)
+        schema = descriptor_set(each)
+        names = row_fields(each)
         about = {"description": each.about, **{name: topics.unit_of(name) for name in names}}
         found.append(Topic(each.topic, message_name(each), schema.SerializeToString(), about))
     for name, kind, text in _DRAWN:
-        schema, full_name = build_file_descriptor_set(kind), kind.DESCRIPTOR.full_name
+        schema = build_file_descriptor_set(kind)
+        full_name = kind.DESCRIPTOR.full_name
         found.append(Topic(name, full_name, schema.SerializeToString(), {"description": text}))
     return found
 
@@ -123,7 +125,7 @@ class Publisher(Sink, ABC):
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
         self._templates = {each.topic: row_template(each) for each in _with_error(channels)}
         self._templates[topics.TRANSFORMS_TOPIC] = transforms_template(scenery.body_names)
-        self._state: tuple[FloatArray, FloatArray] | None = None  # the latest block
+        self._state: tuple[FloatArray, FloatArray] | None = None  # state of the latest block
         self._batch = self._empty()
         self._scenery = scenery
         self._driven: list[tuple[float, ...]] = []  # x, y of both axle points
@@ -181,7 +183,8 @@ class Publisher(Sink, ABC):
     def _add(self, topic: str, times: FloatArray, values: FloatArray) -> None:
         """Copy rows while they are in the caches: later each block would be fetched anew."""
         rows = np.empty((len(times), 1 + values.shape[1]))
-        rows[:, 0], rows[:, 1:] = times, values
+        rows[:, 0] = times
+        rows[:, 1:] = values
         self._batch.rows[topic].frombytes(rows.tobytes())
 
     def _empty(self) -> Batch:
@@ -208,10 +211,12 @@ class Publisher(Sink, ABC):
             self._send_rows(ERROR.topic, np.column_stack([times, errors]))
         if batch.paths:  # those of one length are encoded together
             paths = sorted(batch.paths, key=lambda path: (len(path[2]), path[0]))
-            drawn, begin = self._scenery.on_ground(np.concatenate([each for *_, each in paths])), 0
+            drawn = self._scenery.on_ground(np.concatenate([each for *_, each in paths]))
+            begin = 0
             for count, group in groupby(paths, lambda path: len(path[2])):
                 names, times_s, _ = zip(*group, strict=True)
-                times_ns, end = nanoseconds(np.array(times_s)), begin + count * len(names)
+                times_ns = nanoseconds(np.array(times_s))
+                end = begin + count * len(names)
                 messages = encode_paths(times_ns, drawn[begin:end].reshape(-1, count, 3))
                 for topic in dict.fromkeys(names):
                     own = [name == topic for name in names]
@@ -221,7 +226,8 @@ class Publisher(Sink, ABC):
             self._send(topics.EVENT_TOPIC, *_single(*event))
 
     def _send_rows(self, topic: str, rows: FloatArray) -> TimesNs:
-        times_ns, template = nanoseconds(rows[:, 0]), self._templates[topic]
+        times_ns = nanoseconds(rows[:, 0])
+        template = self._templates[topic]
         numbers = single(rows[:, 1:]) if topic == topics.TRANSFORMS_TOPIC else rows
         self._send(topic, times_ns, template.fill(numbers, times_ns))
         return times_ns
@@ -241,7 +247,8 @@ class Publisher(Sink, ABC):
         self, times_s: FloatArray, states: FloatArray
     ) -> Iterator[tuple[str, float, FloatArray]]:
         """Send poses of both axle points; yield the driven paths that are due."""
-        poses, due = states[:, _POSES], []
+        poses = states[:, _POSES]
+        due = []
         placed = set(np.flatnonzero(np.isfinite(poses).all(axis=1)).tolist())
         for k, time_s in enumerate(times_s.tolist()):
             if time_s >= self._next_pose_s and k in placed:
@@ -249,7 +256,8 @@ class Publisher(Sink, ABC):
                 due.append(k)
         if not due:
             return
-        poses, times_s = poses[due], times_s[due]
+        poses = poses[due]
+        times_s = times_s[due]
         times_ns = nanoseconds(times_s)
         both = encode_poses(np.tile(times_ns, 2), np.vstack([poses[:, :6], poses[:, 6:]]))
         self._send(topics.TRACTOR_TOPIC, times_ns, both[: len(due)])

@@ -35,7 +35,7 @@ class Scenery:
     """Data for viewers that do not change during a run."""
 
     body_names: tuple[str, ...] = ()
-    ground: Ground | None = None  # level where None
+    ground: Ground | None = None  # None: level ground
     shapes: bytes = b""  # a foxglove.SceneUpdate; empty where there is nothing to show
     frame: MapFrame = DEFAULT_FRAME  # place of the map on the earth
 
@@ -73,8 +73,10 @@ def shapes_of(model: mujoco.MjModel, ground: Ground) -> bytes:
 
 def _add_shape(entity: SceneEntity, model: mujoco.MjModel, geom: int) -> None:
     """Add a geom of the model to its body's entity."""
-    kind, (a, b, c) = _GEOM(int(model.geom_type[geom])), 2.0 * model.geom_size[geom]
-    material, colour = model.geom_matid[geom], model.geom_rgba[geom]
+    kind = _GEOM(int(model.geom_type[geom]))
+    (a, b, c) = 2.0 * model.geom_size[geom]
+    material = model.geom_matid[geom]
+    colour = model.geom_rgba[geom]
     if material >= 0 and np.array_equal(colour, _UNPAINTED):
         colour = model.mat_rgba[material]
     if kind == _GEOM.mjGEOM_MESH:
@@ -102,8 +104,10 @@ def _put(message: Any, values: Any, names: str) -> None:  # noqa: ANN401 - proto
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> TriangleListPrimitive:
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    first = model.mesh_vertadr[mesh]
+    count = model.mesh_vertnum[mesh]
+    face = model.mesh_faceadr[mesh]
+    faces = model.mesh_facenum[mesh]
     return _triangles(
         model.mesh_vert[first : first + count].astype(float),
         model.mesh_face[face : face + faces],
@@ -114,7 +118,8 @@ def _ground(ground: Ground) -> TriangleListPrimitive:
     """Return the ground on a subset of its grid points, in the colours of its soil."""
     terrain = ground.terrain
     stride = max(1, math.ceil(math.sqrt(terrain.heights.size / _MOST_VERTICES)))
-    (x, y), heights = terrain.points(), terrain.heights
+    (x, y) = terrain.points()
+    heights = terrain.heights
     rows, columns = (_every(stride, n) for n in heights.shape)
     height = heights[np.ix_(rows, columns)]  # (ny, nx)
     ny, nx = height.shape

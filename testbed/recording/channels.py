@@ -30,7 +30,7 @@ DRIVEN_TRAILER_TOPIC: Final = "/trailer/path"
 REFERENCE_PATH_TOPIC: Final = "/reference/path"  # once, at the start of the run
 PREDICTED_PATH_TOPIC: Final = "/mpc/predicted_path"  # of the tractor point, every control tick
 PREDICTED_TRAILER_PATH_TOPIC: Final = "/mpc/predicted_path_trailer"
-GNSS_TOPIC: Final = "/gnss/tractor"  # as measured
+GNSS_TOPIC: Final = "/gnss/tractor"  # position as the receiver delivers it
 GNSS_TRAILER_TOPIC: Final = "/gnss/trailer"
 SCENE_TOPIC: Final = "/scene"  # once: ground and vehicle, the vehicle fixed to its frames
 EVENT_TOPIC: Final = "/log"
@@ -47,7 +47,7 @@ class Channel:
 
 _INPUTS: Final = ("delta_t_rad", "delta_i_rad", "hp")
 _POSES: Final = ("x_t_m", "y_t_m", "psi_t_rad", "x_i_m", "y_i_m", "psi_i_rad")
-_BEYOND: Final = (  # the poses
+_BEYOND: Final = (  # fields of the state beyond the poses
     *("z_t_m", "pitch_t_rad", "roll_t_rad", "z_i_m", "pitch_i_rad", "roll_i_rad", "psi_d_rad"),
     *("beta_rad", "delta_t_rad", "delta_i_rad", "hp", "v_mps", "v_lateral_mps"),
     *("yaw_rate_t_radps", "yaw_rate_i_radps", "v_rim_mps"),
@@ -58,8 +58,12 @@ _SAMPLES: Final = {sensor: (*parts, "time_s") for sensor, parts in COMPONENTS.it
 STATE: Final = Channel(
     "/state",
     "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds, and the "
-    "set points of the servos behind dead time, dead band and play",
-    (*_POSES, *_BEYOND, *(f"{name}_set_point" for name in _INPUTS)),  # as `MOTION`
+    "set points of the servos behind dead time, dead band and backlash",
+    (
+        *_POSES,
+        *_BEYOND,
+        *(f"{name}_set_point" for name in _INPUTS),
+    ),  # the numbers of `MOTION` without the time
 )
 REFERENCE: Final = Channel(
     "/reference",
@@ -138,7 +142,7 @@ TIMING: Final = Channel(
 _WHEEL_QUANTITIES: Final = (
     *("load_n", "slip", "slip_angle_rad", "force_long_n", "force_lat_n"),
     *("cone_index_kpa", "ground_m"),
-)  # as `Wheels`
+)  # in the order of `Wheels`
 TYRES: Final = Channel(
     "/tyres",
     "load, slip, forces and ground of every wheel",
@@ -217,7 +221,7 @@ def tool_rows(tools: FloatArray, references: FloatArray) -> FloatArray:
         references: rows of `REFERENCE` at the same moments.
     """
     x, y, _, behind, lowered, distance = tools[:, :6].T
-    x_i, y_i, yaw = references[:, 3:6].T  # of `_POSES`
+    x_i, y_i, yaw = references[:, 3:6].T  # the trailer's part of `_POSES`
     depth, draft, side = np.split(tools[:, 6:], 3, axis=1)
     columns = (x, y, x_i - behind * np.cos(yaw), y_i - behind * np.sin(yaw), depth.mean(axis=1))
     forces = draft.sum(axis=1), side.sum(axis=1)
@@ -237,7 +241,8 @@ def measurement_rows(
         at: numbers of the moments at which they are delivered, ascending.
         times: of the moments [s].
     """
-    rows, row_times = np.empty((len(samples), len(MEASUREMENT.fields))), np.empty(len(samples))
+    rows = np.empty((len(samples), len(MEASUREMENT.fields)))
+    row_times = np.empty(len(samples))
     rows.fill(NAN)
     used = _spread(samples, at, times, _COLUMNS, row_times, rows)
     return row_times[:used], rows[:used]
@@ -256,7 +261,8 @@ def _spread(
     rows: FloatArray,
 ) -> int:
     """Fill rows that are NaN and their times; return how many are used."""
-    first, used = 0, 0  # row of the moment, rows so far
+    first = 0  # row in which the present moment begins
+    used = 0  # number of rows so far
     for n in range(len(samples)):
         if n and at[n] != at[n - 1]:
             first = used
@@ -285,8 +291,10 @@ _FROM_ESTIMATE: Final = np.array(
         *range(_PLACES["trailer_xy"], _PLACES["trailer_xy"] + 2),
         *range(_PLACES["state"] + 3, _PLACES["state"] + 7),
         _PLACES["hitch_angle"],
-        *range(_PLACES["covariance"], _PLACES["covariance"] + 49, 8),  # its diagonal
-        *range(_PLACES["disturbance"], _PLACES["disturbance"] + 9),  # and the map's
+        *range(_PLACES["covariance"], _PLACES["covariance"] + 49, 8),  # diagonal of the covariance
+        *range(
+            _PLACES["disturbance"], _PLACES["disturbance"] + 9
+        ),  # in the vehicle's frame, then in the map's
         _PLACES["nis"],
         _PLACES["nis_dof"],
     ]
@@ -321,7 +329,8 @@ def in_frame(error: FloatArray, heading: FloatArray) -> tuple[FloatArray, FloatA
         heading: of the references, (n,) [rad].
     """
     dx, dy = error.T
-    cos, sin = np.cos(heading), np.sin(heading)
+    cos = np.cos(heading)
+    sin = np.sin(heading)
     return cos * dx + sin * dy, cos * dy - sin * dx
 
 

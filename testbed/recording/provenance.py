@@ -42,7 +42,7 @@ def versions() -> dict[str, str]:
 def machine() -> Mapping[str, str]:
     """Return processor, cores and system of this machine; its name is nobody's business."""
     model = platform.processor() or platform.machine()
-    with contextlib.suppress(OSError):  # of Linux alone
+    with contextlib.suppress(OSError):  # the file exists on Linux only
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
         model = next(iter(names), model)

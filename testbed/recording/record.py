@@ -103,7 +103,8 @@ class Record:
         """
         topic = channel if isinstance(channel, str) else channel.topic
         if topic == ERROR.topic and topic not in self.tables:
-            state, reference = self[STATE], self[REFERENCE]
+            state = self[STATE]
+            reference = self[REFERENCE]
             return Table(ERROR, state.time_s, error_rows(state.values, reference.values))
         try:
             return self.tables[topic]

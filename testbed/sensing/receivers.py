@@ -4,7 +4,7 @@ An error is the sum of parts, each with independent axes of the map:
 
 * white noise;
 * a second-order Gauss-Markov process (Gelb 1974) whose course is not time but
-  u = dt / T + ds / L: multipath changes with the way travelled, and slowly at rest. Its
+  u = dt / T + ds / L: multipath changes with the distance travelled, and slowly at rest. Its
   autocorrelation is (1 + u) exp(-u). One such process is shared by both antennas, for they
   have base, satellites and atmosphere in common; another is each antenna's own;
 * in a float solution a first-order process that starts small when the fix is lost, and in a
@@ -21,7 +21,7 @@ elsewhere, where trees and walls around each antenna are its own.
 import functools
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, Literal, get_args
 
@@ -35,30 +35,32 @@ Place = Literal["open-sky", "wood", "street"]
 PLACES: Final[tuple[Place, ...]] = get_args(Place)
 
 TABLE: Final = Path(__file__).with_name("receivers.toml")
-FIXED, WRONG = 1.0, 3.0  # beside `FLOAT`, as RTKLIB says them; a wrong fix says `FIXED`
+# Kinds of a solution other than `FLOAT`, in the numbers of RTKLIB. A receiver says of a wrong fix
+# that it is fixed.
+FIXED: Final = 1.0
+WRONG: Final = 3.0
 SHARED_VARIANCE: Final = 0.5  # of the correlated part under an open sky; assumed
 _LONG: Final = 50.0  # u by which a process has forgotten its past
-NORMALS: Final = 24  # of an epoch: processes, white parts, offsets, changes and kinds of solution
 
 
 @dataclass(frozen=True, slots=True)
 class Receiver:
     """Parameters of both receivers; deviations are those of an axis [m]."""
 
-    white_sd: float
+    white_sd: float  # of the white part
     shared_sd: float  # of the process that both antennas share
     own_sd: float  # of an antenna's own process
     time: float  # T [s]
     length: float  # L [m]
-    lost_per_s: float  # rates of fix to float
-    lost_per_m: float
-    found_per_s: float  # of float to fix
-    found_per_m: float
+    lost_per_s: float  # rate from fix to float in time
+    lost_per_m: float  # rate from fix to float in distance
+    found_per_s: float  # rate from float to fix in time
+    found_per_m: float  # rate from float to fix in distance
     wrong_share: float  # of the fixes that are found
     wrong_sd: float  # of the offset of a wrong fix
     float_first_sd: float  # of a float solution's offset as the fix is lost
-    float_sd: float  # long after
-    float_length: float  # [m] to get there
+    float_sd: float  # of that offset long after
+    float_length: float  # [m] over which the offset grows from one to the other
 
     @property
     def sd(self) -> float:
@@ -66,24 +68,35 @@ class Receiver:
         return math.hypot(self.white_sd, self.shared_sd, self.own_sd)
 
 
+RECEIVER: Final = np.dtype([(field.name, "f8") for field in fields(Receiver)])
+"""Record of the fields of a `Receiver`."""
+
+
 @functools.cache
 def receiver(place: Place) -> Receiver:
     """Return the receivers of a vehicle under an open sky, at the edge of a wood, in a street."""
     table = tomllib.loads(TABLE.read_text(encoding="utf-8"))
-    own, white = table[place], table[place]["white_sd_m"]
+    own = table[place]
+    white = own["white_sd_m"]
     correlated = own["sd_m"] ** 2 - white**2
     sky = table["open-sky"]
     shared = SHARED_VARIANCE * (sky["sd_m"] ** 2 - sky["white_sd_m"] ** 2)
-    keys = ("lost_per_s", "lost_per_m", "found_per_s", "found_per_m", "wrong_share", "wrong_sd_m")
-    floating = ("float_first_sd_m", "float_sd_m", "float_length_m")
+    unused = 1.0  # of a float solution, where no fix is lost
     return Receiver(
-        white,
-        math.sqrt(shared),
-        math.sqrt(correlated - shared),
-        table["rest"]["correlation_time_s"],
-        table["motion"]["correlation_length_m"],
-        *(own[key] for key in keys),
-        *(own.get(key, 1.0) for key in floating),  # never used where no fix is lost
+        white_sd=white,
+        shared_sd=math.sqrt(shared),
+        own_sd=math.sqrt(correlated - shared),
+        time=table["rest"]["correlation_time_s"],
+        length=table["motion"]["correlation_length_m"],
+        lost_per_s=own["lost_per_s"],
+        lost_per_m=own["lost_per_m"],
+        found_per_s=own["found_per_s"],
+        found_per_m=own["found_per_m"],
+        wrong_share=own["wrong_share"],
+        wrong_sd=own["wrong_sd_m"],
+        float_first_sd=own.get("float_first_sd_m", unused),
+        float_sd=own.get("float_sd_m", unused),
+        float_length=own.get("float_length_m", unused),
     )
 
 
@@ -92,24 +105,47 @@ STATE: Final = np.dtype(
         ("time_s", "f8"),
         ("process", "f8", (3, 2, 2)),  # shared, tractor, trailer; axis; value, rate in u; unit sd
         ("offset", "f8", (2, 2)),  # [m] of a float solution or a wrong fix: antenna, axis
-        ("solution", "f8", 2),
+        ("solution", "f8", 2),  # kind of each antenna's: `FIXED`, `FLOAT` or `WRONG`
     ]
 )
 """State of both receivers, as a flat array; a copy of it goes on with the same errors."""
+
+DRAWS: Final = np.dtype(
+    [
+        ("process", "f8", (3, 2, 2)),  # of the noises of each process, as in `STATE`
+        ("white", "f8", (2, 2)),  # of the white parts: antenna, axis
+        ("offset", "f8", (2, 2)),  # of changes of the offsets: antenna, axis
+        ("solution", "f8", (2, 2)),  # antenna; whether it changes, whether the new fix is wrong
+    ]
+)
+"""Standard normal numbers of an epoch, as a flat array."""
+
+NORMALS: Final = DRAWS.itemsize // 8
+
+EPOCH: Final = np.dtype(
+    [
+        ("error", "f8", (2, 2)),  # [m] antenna, axis
+        ("status", "f8", 2),  # what each receiver says: `FIXED` or `FLOAT`
+    ]
+)
+"""What both receivers give at an epoch, as a flat array."""
+
+EPOCH_SIZE: Final = EPOCH.itemsize // 8
 
 
 def new_state() -> FloatArray:
     """Return the `STATE` before the first epoch, flat: both receivers have a fix."""
     state = np.zeros(STATE.itemsize // 8)
     view = state.view(STATE)[0]
-    view["time_s"], view["solution"] = -math.inf, FIXED
+    view["time_s"] = -math.inf
+    view["solution"] = FIXED
     return state
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def advance(
     state: FloatArray,
-    p: FloatArray,
+    parameters: FloatArray,
     normals: FloatArray,
     time_s: float,
     travelled: float,
@@ -119,60 +155,106 @@ def advance(
 
     Args:
         state: flat record `STATE`, changed.
-        p: (14,) fields of `Receiver` in their order.
-        normals: (24,) standard normal numbers.
+        parameters: flat record `RECEIVER`.
+        normals: flat record `DRAWS`.
         time_s: of the epoch.
         travelled: since the epoch before [m], forward and back.
-        out: (6,) x and y [m] of tractor and trailer, then their states; written.
+        out: flat record `EPOCH`, written.
     """
     s = record(state, STATE)
-    later = min(time_s - s.time_s, 1e6)
+    p = record(parameters, RECEIVER)
+    draws = record(normals, DRAWS)
+    epoch = record(out, EPOCH)
+    later_s = min(time_s - s.time_s, 1e6)
     s.time_s = time_s
-    # exact step of x'' + 2 x' + x = noise over u, stationary with variances 1, 1:
-    # F = e^-u [[1 + u, u], [-u, 1 - u]], noise I - F F'
-    u = min(later / p[3] + travelled / p[4], _LONG)
+    _advance_processes(state, normals, later_s / p.time + travelled / p.length)
+    _change_solutions(state, parameters, normals, later_s, travelled)
+    for antenna in range(2):
+        for axis in range(2):
+            epoch.error[antenna, axis] = (
+                p.shared_sd * s.process[0, axis, 0]
+                + p.own_sd * s.process[1 + antenna, axis, 0]
+                + p.white_sd * draws.white[antenna, axis]
+                + s.offset[antenna, axis]
+            )
+        epoch.status[antenna] = FLOAT if s.solution[antenna] == FLOAT else FIXED
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def _advance_processes(state: FloatArray, normals: FloatArray, u: float) -> None:
+    """Advance the correlated processes by u.
+
+    This is the exact step of x'' + 2 x' + x = noise over u, stationary with variances 1 and 1:
+    F = e^-u [[1 + u, u], [-u, 1 - u]], covariance of the noise I - F F' = L L'.
+    """
+    s = record(state, STATE)
+    draws = record(normals, DRAWS)
+    u = min(u, _LONG)
     e = math.exp(-u)
-    f00, f01, f10, f11 = e * (1.0 + u), e * u, -e * u, e * (1.0 - u)
-    q00 = max(1.0 - f00 * f00 - f01 * f01, 0.0)
-    q01 = -(f00 * f10 + f01 * f11)
-    l00 = math.sqrt(q00)
-    l10 = q01 / l00 if l00 > 0.0 else 0.0
-    l11 = math.sqrt(max(1.0 - f10 * f10 - f11 * f11 - l10 * l10, 0.0))
-    k = 0
+    f_00 = e * (1.0 + u)
+    f_01 = e * u
+    f_10 = -e * u
+    f_11 = e * (1.0 - u)
+    q_00 = max(1.0 - f_00 * f_00 - f_01 * f_01, 0.0)
+    q_01 = -(f_00 * f_10 + f_01 * f_11)
+    l_00 = math.sqrt(q_00)
+    l_10 = q_01 / l_00 if l_00 > 0.0 else 0.0
+    l_11 = math.sqrt(max(1.0 - f_10 * f_10 - f_11 * f_11 - l_10 * l_10, 0.0))
     for process in range(3):
         for axis in range(2):
-            x, rate = s.process[process, axis, 0], s.process[process, axis, 1]
-            s.process[process, axis, 0] = f00 * x + f01 * rate + l00 * normals[k]
-            s.process[process, axis, 1] = (
-                f10 * x + f11 * rate + l10 * normals[k] + l11 * normals[k + 1]
-            )
-            k += 2
-    lost, found = p[5] * later + p[6] * travelled, p[7] * later + p[8] * travelled
-    left = -math.expm1(-(lost + found)) / (lost + found) if lost + found > 0.0 else 0.0
-    kept = math.exp(-min(later / p[3] + travelled / p[13], _LONG))
+            x = s.process[process, axis, 0]
+            rate = s.process[process, axis, 1]
+            of_x = draws.process[process, axis, 0]
+            of_rate = draws.process[process, axis, 1]
+            s.process[process, axis, 0] = f_00 * x + f_01 * rate + l_00 * of_x
+            s.process[process, axis, 1] = f_10 * x + f_11 * rate + l_10 * of_x + l_11 * of_rate
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def _change_solutions(
+    state: FloatArray,
+    parameters: FloatArray,
+    normals: FloatArray,
+    later_s: float,
+    travelled: float,
+) -> None:
+    """Let each antenna lose or find its fix, and advance the offset of float and wrong solutions.
+
+    A float solution's offset is a first-order process over u, of which the share `stays` remains.
+    """
+    s = record(state, STATE)
+    p = record(parameters, RECEIVER)
+    draws = record(normals, DRAWS)
+    lost = p.lost_per_s * later_s + p.lost_per_m * travelled
+    found = p.found_per_s * later_s + p.found_per_m * travelled
+    # Share of the epoch's rates that acts, as the chain may change back
+    acts = -math.expm1(-(lost + found)) / (lost + found) if lost + found > 0.0 else 0.0
+    stays = math.exp(-min(later_s / p.time + travelled / p.float_length, _LONG))
     for antenna in range(2):
         floats = s.solution[antenna] == FLOAT
-        sd, keep = 0.0, 1.0  # of what is added to the offset, and how much of it is kept
-        # that a normal number is below z has the probability erfc(-z / sqrt(2)) / 2
-        changes = 0.5 * math.erfc(-math.sqrt(0.5) * normals[20 + 2 * antenna])
-        wrong = 0.5 * math.erfc(-math.sqrt(0.5) * normals[21 + 2 * antenna])
-        if changes < left * (found if floats else lost):
+        keep = 1.0  # share of the offset that stays
+        sd = 0.0  # of what is added to it
+        changes = _uniform(draws.solution[antenna, 0])
+        wrong = _uniform(draws.solution[antenna, 1])
+        if changes < acts * (found if floats else lost):
             keep = 0.0
             if not floats:
-                s.solution[antenna], sd = FLOAT, p[11]
-            elif wrong < p[9]:
-                s.solution[antenna], sd = WRONG, p[10]
+                s.solution[antenna] = FLOAT
+                sd = p.float_first_sd
+            elif wrong < p.wrong_share:
+                s.solution[antenna] = WRONG
+                sd = p.wrong_sd
             else:
                 s.solution[antenna] = FIXED
         elif floats:
-            keep, sd = kept, p[12] * math.sqrt(1.0 - kept * kept)
+            keep = stays
+            sd = p.float_sd * math.sqrt(1.0 - stays * stays)
         for axis in range(2):
-            i = 2 * antenna + axis
-            s.offset[antenna, axis] = keep * s.offset[antenna, axis] + sd * normals[16 + i]
-            out[i] = (
-                p[1] * s.process[0, axis, 0]
-                + p[2] * s.process[1 + antenna, axis, 0]
-                + p[0] * normals[12 + i]
-                + s.offset[antenna, axis]
-            )
-        out[4 + antenna] = FLOAT if s.solution[antenna] == FLOAT else FIXED
+            added = sd * draws.offset[antenna, axis]
+            s.offset[antenna, axis] = keep * s.offset[antenna, axis] + added
+
+
+@cached_njit(error_model="numpy")
+def _uniform(normal: float) -> float:
+    """Return the probability erfc(-z / sqrt(2)) / 2 that a normal number is below z."""
+    return 0.5 * math.erfc(-math.sqrt(0.5) * normal)

@@ -11,8 +11,8 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
-_BAD_SHARE: Final = 0.1
-_BAD_FACTOR: Final = 3.0
+_BAD_SHARE: Final = 0.1  # of the samples of a heavy-tailed error
+_BAD_FACTOR: Final = 3.0  # of the standard deviation of these samples
 _AHEAD: Final = 64  # white parts that a correlated error draws at once
 
 
@@ -21,14 +21,15 @@ class White:
 
     Args:
         sd: standard deviation of each entry, (m,).
-        rng: of this sensor alone.
+        rng: generator of this sensor alone.
         bias: constant part of every error, (m,).
     """
 
     def __init__(
         self, sd: FloatArray, rng: np.random.Generator, bias: FloatArray | None = None
     ) -> None:
-        self._rng, self._sd = rng, sd
+        self._rng = rng
+        self._sd = sd
         self._bias = np.zeros(len(sd)) if bias is None else bias
 
     def errors(self, n: int) -> FloatArray:
@@ -48,8 +49,8 @@ class Correlated:
         white_share: of the variance, 0..1.
         correlation_time: [s].
         period: between samples [s].
-        rng: of the white part.
-        slow_rng: of the process.
+        rng: generator of the white part.
+        slow_rng: generator of the process.
     """
 
     def __init__(
@@ -66,7 +67,8 @@ class Correlated:
         self._rng = slow_rng
         self._correlation = math.exp(-period / correlation_time)
         self._state = self._sd * slow_rng.standard_normal(len(sd))  # (m,)
-        # the next one last; in blocks of one size, since both generators may be the same
+        # White parts that are drawn already, the next one last. They are drawn in blocks of one
+        # size, since both generators may be the same.
         self._ahead: list[FloatArray] = []
 
     def errors(self, n: int) -> FloatArray:
@@ -91,7 +93,7 @@ class HeavyTailed:
 
     Args:
         sd: standard deviation of each entry of the mixture, (m,).
-        rng: of this sensor.
+        rng: generator of this sensor alone.
     """
 
     def __init__(self, sd: FloatArray, rng: np.random.Generator) -> None:

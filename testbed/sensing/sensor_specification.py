@@ -3,11 +3,12 @@
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from ttempc.sensors import ROW_OF, SensorKind
 from ttempc.types import Sensor
 
 from ..configuration.config_io import STRICT, DurationS, Fraction, NotNegative, RateHz
@@ -62,6 +63,16 @@ def _over(below: object, value: object) -> object:
     if isinstance(below, Mapping) and isinstance(value, Mapping):
         return {**below, **value}
     return value
+
+
+class PlainSensor(NamedTuple):
+    """Settings of a sensor of one number with white noise, in SI units."""
+
+    truth: str  # name in `testbed.truth.MOTION` of what it measures
+    rate_hz: float
+    sd: float
+    latency_s: float
+    resolution: float  # 0: not quantised
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -163,17 +174,51 @@ class SensorSpecification:
 
     @property
     def angle_offset_sd_deg(self) -> float:
-        """Standard deviation of offset and deviation of an angle sensor over runs."""
-        return math.hypot(self.angle_offset_deg / math.sqrt(3.0), self.bend_deg / math.sqrt(2.0))
+        """Standard deviation of offset and nonlinearity of an angle sensor over runs."""
+        offset = self.angle_offset_deg / math.sqrt(3.0)
+        return math.hypot(offset, self.nonlinearity_deg / math.sqrt(2.0))
 
     @property
-    def bend_deg(self) -> float:
+    def nonlinearity_deg(self) -> float:
         """Largest deviation of an angle sensor from a straight line."""
         return 0.01 * self.angle_nonlinearity_pct * ANGLE_RANGE_DEG
 
+    @property
+    def plain_sensors(self) -> dict[Sensor, PlainSensor]:
+        """Settings of every sensor of one number that the vehicle has."""
+        sensors = {
+            Sensor.STEERING_TRACTOR: self._angle_sensor("delta_t"),
+            Sensor.STEERING_TRAILER: self._angle_sensor("delta_i"),
+            Sensor.HITCH: self._angle_sensor("beta"),
+        }
+        sensors[Sensor.ENCODER] = PlainSensor(
+            truth={"wheel": "wheel_speed", "ground": "speed"}[self.encoder_on],
+            rate_hz=self.encoder_rate_hz,
+            sd=self.encoder_sd_mps,
+            latency_s=self.encoder_latency_s,
+            resolution=self.encoder_resolution_mps,
+        )
+        return sensors
+
+    def _angle_sensor(self, truth: str) -> PlainSensor:
+        return PlainSensor(
+            truth,
+            rate_hz=self.angle_rate_hz,
+            sd=math.radians(self.angle_sd_deg),
+            latency_s=self.angle_latency_s,
+            resolution=math.radians(self.angle_resolution_deg),
+        )
+
     def period_s(self, sensor: Sensor) -> float:
-        """Return the time from sample to sample of a sensor [s]."""
-        if sensor.startswith("imu"):
-            return 1.0 / self.imu.rate_hz
-        rates = {"gnss": self.gnss_rate_hz, "encoder": self.encoder_rate_hz}
-        return 1.0 / rates.get(sensor.split("_")[0], self.angle_rate_hz)
+        """Return the time from sample to sample of a sensor [s].
+
+        Raises:
+            KeyError: the vehicle does not have the sensor.
+        """
+        match ROW_OF[sensor].kind:
+            case SensorKind.POSITION:
+                return 1.0 / self.gnss_rate_hz
+            case SensorKind.INERTIAL:
+                return 1.0 / self.imu.rate_hz
+            case _:
+                return 1.0 / self.plain_sensors[sensor].rate_hz

@@ -10,34 +10,31 @@ heading would move the corrected point by height x sin(roll) x error, 3 mm at 0.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ttempc.jit import cached_njit
-from ttempc.layout import SAMPLE
+from ttempc.jit import cached_njit, record
+from ttempc.layout import SAMPLE, SampleColumn
+from ttempc.sensors import ROW_OF, SENSORS, SensorKind, sensors_of_kind
 from ttempc.types import FloatArray, Sensor
 
 from ..discretisation import whole_steps
 from ..randomness import generator
 from ..truth import ANTENNA_COLUMNS, MOTION
-from .receivers import NORMALS, advance, new_state, receiver
+from .receivers import EPOCH, EPOCH_SIZE, NORMALS, advance, new_state, receiver
 from .sensor_errors import Correlated, ErrorSource, HeavyTailed, White
-from .sensor_specification import ANGLE_RANGE_DEG, ImuSpecification, SensorSpecification
-
-_POSITION: Final = ("x_m", "y_m", "status")
-_ATTITUDE: Final = ("yaw_rate_radps", "roll_rad", "pitch_rad")
+from .sensor_specification import (
+    ANGLE_RANGE_DEG,
+    ImuSpecification,
+    PlainSensor,
+    SensorSpecification,
+)
 
 COMPONENTS: Final[dict[Sensor, tuple[str, ...]]] = {
-    Sensor.GNSS_TRACTOR: _POSITION,
-    Sensor.GNSS_TRAILER: _POSITION,
-    Sensor.STEERING_TRACTOR: ("rad",),
-    Sensor.STEERING_TRAILER: ("rad",),
-    Sensor.HITCH: ("rad",),
-    Sensor.ENCODER: ("mps",),
-    Sensor.IMU_TRACTOR: _ATTITUDE,
-    Sensor.IMU_TRAILER: _ATTITUDE,
+    row.sensor: (*row.components, "status") if row.kind is SensorKind.POSITION else row.components
+    for row in SENSORS
 }
 """Components of a sample of each sensor with their units, in the order of `Measurement.value`.
 
@@ -45,41 +42,64 @@ The status of a position is `Measurement.status`.
 The log derives its columns from this table: their names, their number and their order.
 """
 
-NUMBER: Final = {sensor: number for number, sensor in enumerate(COMPONENTS)}
+NUMBER: Final = {row.sensor: int(row.index) for row in SENSORS}
 """`SensorIndex` of each sensor."""
 
 _AHEAD: Final = 256  # samples of each sensor whose errors are drawn at once
-_ANGLES: Final = {
-    Sensor.STEERING_TRACTOR: "delta_t",
-    Sensor.STEERING_TRAILER: "delta_i",
-    Sensor.HITCH: "beta",
-}
-_IMUS: Final = {  # bodies in the order of the antennas
-    Sensor.IMU_TRACTOR: ("yaw_rate_t", "roll_t", "pitch_t"),
-    Sensor.IMU_TRAILER: ("yaw_rate_i", "roll_i", "pitch_i"),
-}
-_POINTS: Final = {Sensor.GNSS_TRACTOR: ("x_t", "y_t"), Sensor.GNSS_TRAILER: ("x_i", "y_i")}
-_TRACTOR: Final = MOTION.index("x_t")  # y_t follows
+_ENTRIES: Final = 3  # of a sample, at most
+_NONE: Final = -1  # for a body or an antenna that a sensor does not use
+_BODIES: Final = ("t", "i")  # ending of names in `MOTION`, in the order of the antennas
 _TURNS: Final = 360.0 / ANGLE_RANGE_DEG  # of the deviation of an angle sensor in a turn
-_YAWS: Final = tuple(map(MOTION.index, ("psi_t", "psi_i")))
+
+# Columns in a row of `TruthBlock`
+_TIME: Final = MOTION.index("time_s")
+_X: Final = MOTION.index("x_t")
+_Y: Final = MOTION.index("y_t")
+_YAWS: Final = tuple(MOTION.index(f"psi_{body}") for body in _BODIES)
 
 _SENSOR: Final = np.dtype(
     [
-        ("number", "i8"),  # `SensorIndex`
+        ("index", "i8"),  # number of the sensor, see `SensorIndex`
         ("every", "i8"),  # physics steps from sample to sample
         ("delay", "i8"),  # physics steps from sample to delivery
-        ("length", "i8"),  # components
-        ("columns", "i8", 3),  # of the components in a row of `TruthBlock`
-        ("resolution", "f8", 3),  # of each component
-        ("corrects", "i8"),  # body whose attitude corrects the sample; -1: none
-        ("antenna", "i8"),  # whose error comes from `receivers.advance`; -1: none
-        ("curve", "f8", 3),  # of an angle: offset, largest deviation, phase [rad]
+        ("length", "i8"),  # number of components of a sample
+        ("columns", "i8", _ENTRIES),  # of the components in a row of `TruthBlock`
+        ("resolution", "f8", _ENTRIES),  # of each component; 0: not quantised
+        ("attitude_of", "i8"),  # body whose attitude an IMU measures, or `_NONE`
+        ("corrected_by", "i8"),  # body whose attitude corrects the sample, or `_NONE`
+        ("antenna", "i8"),  # whose error comes from `receivers.advance`, or `_NONE`
+        ("offset", "f8"),  # of an angle sensor [rad]
+        ("nonlinearity", "f8"),  # its largest deviation from a straight line [rad]
+        ("phase", "f8"),  # of that deviation [rad]
+    ]
+)
+"""Settings of one sensor, as a flat row of numbers."""
+
+_TRAVEL: Final = np.dtype(
+    [
+        ("x", "f8"),  # [m] last position of the tractor point, NaN before the first moment
+        ("y", "f8"),
+        ("distance", "f8"),  # [m] since the last epoch of the receivers
     ]
 )
 
+
+class _Suite(NamedTuple):
+    """Settings and state of all sensors, for the compiled part."""
+
+    sensors: FloatArray  # settings of each sensor, a row `_SENSOR`
+    errors: FloatArray  # (sensors, samples ahead, entries) drawn errors
+    used: NDArray[np.int64]  # (sensors,) errors that are used up
+    attitudes: FloatArray  # (2, 2) of the bodies: roll, pitch [rad] as last measured
+    levers: FloatArray  # (2, 3) [m] from axle points to antennas, frames of the bodies
+    receivers: FloatArray  # record `RECEIVER`; empty where the errors are of no place
+    solutions: FloatArray  # record `STATE` of the receivers
+    travel: FloatArray  # of the tractor point, a record `_TRAVEL`
+
+
 Change = Callable[[FloatArray], FloatArray]
-"""Returns what arrives in the place of samples, rows of `SAMPLE`, due physics step, sampling time;
-the array is the receiver's own."""
+"""Returns what arrives instead of samples: rows of `SAMPLE` entries, due physics step, sampling
+time; the array is the receiver's own."""
 
 
 class SensorSuite:
@@ -100,30 +120,39 @@ class SensorSuite:
     def __init__(
         self, specification: SensorSpecification, timestep: float, seed: int, lever_arms: FloatArray
     ) -> None:
-        self.specification, self.timestep = specification, timestep
+        self.specification = specification
+        self.timestep = timestep
         self.changes: Sequence[Change] = ()
         entries = tuple(self._entries(seed))
         self._sources = [source for _, source in entries]
         self._sensors: NDArray[np.void] = np.array([entry for entry, _ in entries], _SENSOR)
-        for sensor in _ANGLES:
-            rng, own = generator(seed, f"sensor/{sensor}/curve"), self._sensors["number"]
-            offset_deg, phase = (
-                specification.angle_offset_deg * rng.uniform(-1.0, 1.0),
-                rng.uniform(),
-            )
-            curve = math.radians(offset_deg), math.radians(specification.bend_deg), math.tau * phase
-            self._sensors["curve"][own == NUMBER[sensor]] = curve
+        self._draw_angle_errors(seed)
         place = specification.place
-        self._errors = np.empty((len(entries), _AHEAD, NORMALS if place else 3))
-        self._receiver = np.array(astuple(receiver(place)) if place else ())
-        self._solutions = new_state()
-        self._way = np.full(3, math.nan)  # last position, way since the last epoch [m]
-        self._used = np.full(len(entries), _AHEAD)  # errors of each sensor
+        width = NORMALS if place else _ENTRIES
+        self._suite = _Suite(
+            sensors=self._sensors.view(float).reshape(len(entries), -1),
+            errors=np.empty((len(entries), _AHEAD, width)),
+            used=np.full(len(entries), _AHEAD),
+            attitudes=np.zeros((len(_BODIES), 2)),
+            levers=lever_arms,
+            receivers=np.array(astuple(receiver(place)) if place else ()),
+            solutions=new_state(),
+            travel=np.full(_TRAVEL.itemsize // 8, math.nan),
+        )
         self._spare = 0  # moments for which there are errors at least
-        self._attitudes = np.zeros((2, 2))  # of the bodies: roll, pitch [rad] as last measured
-        self._levers = lever_arms
         self._transit = np.empty((0, SAMPLE + 2))  # samples under way, as for a `Change`
         self._delays = bool(self._sensors["delay"].any())
+
+    def _draw_angle_errors(self, seed: int) -> None:
+        """Draw offset and nonlinearity of every angle sensor, once a run."""
+        for sensor in sensors_of_kind(SensorKind.ANGLE):
+            rng = generator(seed, f"sensor/{sensor}/curve")
+            own = self._sensors["index"] == NUMBER[sensor]
+            offset_deg = self.specification.angle_offset_deg * rng.uniform(-1.0, 1.0)
+            self._sensors["offset"][own] = math.radians(offset_deg)
+            nonlinearity = math.radians(self.specification.nonlinearity_deg)
+            self._sensors["nonlinearity"][own] = nonlinearity
+            self._sensors["phase"][own] = math.tau * rng.uniform()
 
     @property
     def every(self) -> int:
@@ -149,23 +178,11 @@ class SensorSuite:
             self._draw(len(truths))
         self._spare -= len(truths)
         most = len(truths) * len(self._sensors)
-        samples, due = np.empty((most, SAMPLE)), np.empty(most)
-        count = _take(
-            truths,
-            first,
-            stride,
-            self._sensors,
-            self._errors,
-            self._used,
-            self._attitudes,
-            self._levers,
-            self._receiver,
-            self._solutions,
-            self._way,
-            samples,
-            due,
-        )
-        samples, due = samples[:count], due[:count]
+        samples = np.empty((most, SAMPLE))
+        due = np.empty(most)
+        count = _take(truths, first, stride, self._suite, samples, due)
+        samples = samples[:count]
+        due = due[:count]
         if not (self._delays or self.changes):
             return samples, (due - first) / stride
         return self._deliver(samples, due, first, stride, len(truths))
@@ -186,42 +203,58 @@ class SensorSuite:
 
     def _draw(self, moments: int) -> None:
         """Draw errors ahead, of each sensor from its own generators."""
-        if moments > self._errors.shape[1]:
-            self._errors = np.pad(self._errors, ((0, 0), (moments, 0), (0, 0)))
-            self._used += moments
-        self._spare = size = self._errors.shape[1]
-        for source, errors, used in zip(self._sources, self._errors, self._used, strict=True):
-            errors[: size - used] = errors[used:].copy()
+        errors = self._suite.errors
+        if moments > errors.shape[1]:
+            errors = np.pad(errors, ((0, 0), (moments, 0), (0, 0)))
+            self._suite = self._suite._replace(errors=errors, used=self._suite.used + moments)
+        self._spare = size = errors.shape[1]
+        for source, own, used in zip(self._sources, errors, self._suite.used, strict=True):
+            own[: size - used] = own[used:].copy()
             drawn = source.errors(int(used))
-            errors[size - used :, : drawn.shape[1]] = drawn
-        self._used[:] = 0
+            own[size - used :, : drawn.shape[1]] = drawn
+        self._suite.used[:] = 0
 
     def _entries(self, seed: int) -> Iterator[tuple[tuple[object, ...], ErrorSource]]:
         """Yield the sensors; IMUs first: corrected GNSS samples of the same moment need them."""
-        of, imu = self.specification, self.specification.imu
-        if imu.on:
-            for sensor, names in _IMUS.items():
-                grid = _imu_units(imu.yaw_rate_resolution_degps, imu.angle_resolution_deg)
-                entry = self._entry(sensor, _columns(*names), imu.latency_s, grid)
-                yield entry, _imu_error(imu, seed, sensor)
-        for body, (sensor, names) in enumerate(_POINTS.items()):
-            antenna = ANTENNA_COLUMNS.start + 3 * body
-            columns = _columns(*names) if of.gnss_antenna == "point" else (antenna, antenna + 1)
-            grid = 2 * (of.gnss_resolution_m,)
-            source, drawn = _gnss_error(of, seed, sensor), body if of.place else -1
-            corrects = body if of.gnss_antenna == "corrected" else -1
-            yield self._entry(sensor, columns, of.gnss_latency_s, grid, corrects, drawn), source
-        angle = (
-            math.radians(of.angle_sd_deg),
-            of.angle_latency_s,
-            math.radians(of.angle_resolution_deg),
+        specification = self.specification
+        if specification.imu.on:
+            for sensor in sensors_of_kind(SensorKind.INERTIAL):
+                yield self._imu(sensor), _imu_error(specification.imu, seed, sensor)
+        for sensor in sensors_of_kind(SensorKind.POSITION):
+            yield self._gnss(sensor), _gnss_error(specification, seed, sensor)
+        for sensor, plain in specification.plain_sensors.items():
+            source = White(np.array([plain.sd]), generator(seed, f"sensor/{sensor}"))
+            yield self._plain(sensor, plain), source
+
+    def _imu(self, sensor: Sensor) -> tuple[object, ...]:
+        """Return the `_SENSOR` of an IMU."""
+        imu = self.specification.imu
+        body = ROW_OF[sensor].body
+        ending = _BODIES[body]
+        columns = _columns(f"yaw_rate_{ending}", f"roll_{ending}", f"pitch_{ending}")
+        resolution = _imu_units(imu.yaw_rate_resolution_degps, imu.angle_resolution_deg)
+        return self._entry(sensor, columns, imu.latency_s, resolution, attitude_of=body)
+
+    def _gnss(self, sensor: Sensor) -> tuple[object, ...]:
+        """Return the `_SENSOR` of a receiver."""
+        of = self.specification
+        body = ROW_OF[sensor].body
+        antenna = ANTENNA_COLUMNS.start + 3 * body
+        columns = (antenna, antenna + 1)
+        if of.gnss_antenna == "point":
+            columns = _columns(f"x_{_BODIES[body]}", f"y_{_BODIES[body]}")
+        return self._entry(
+            sensor,
+            columns,
+            of.gnss_latency_s,
+            (of.gnss_resolution_m, of.gnss_resolution_m),
+            corrected_by=body if of.gnss_antenna == "corrected" else _NONE,
+            antenna=body if of.place else _NONE,
         )
-        speed = (of.encoder_sd_mps, of.encoder_latency_s, of.encoder_resolution_mps)
-        encoder = {"wheel": "wheel_speed", "ground": "speed"}[of.encoder_on]
-        plain = [*((*pair, angle) for pair in _ANGLES.items()), (Sensor.ENCODER, encoder, speed)]
-        for sensor, name, (sd, latency_s, resolution) in plain:
-            entry = self._entry(sensor, _columns(name), latency_s, (resolution,))
-            yield entry, White(np.array([sd]), generator(seed, f"sensor/{sensor}"))
+
+    def _plain(self, sensor: Sensor, plain: PlainSensor) -> tuple[object, ...]:
+        """Return the `_SENSOR` of a sensor of one number."""
+        return self._entry(sensor, _columns(plain.truth), plain.latency_s, (plain.resolution,))
 
     def _entry(
         self,
@@ -229,24 +262,26 @@ class SensorSuite:
         columns: tuple[int, ...],
         latency_s: float,
         resolution: tuple[float, ...],
-        *others: int,
+        *,
+        attitude_of: int = _NONE,
+        corrected_by: int = _NONE,
+        antenna: int = _NONE,
     ) -> tuple[object, ...]:
-        """Return an entry of `_SENSOR`."""
-        period_s, timestep = self.specification.period_s(sensor), self.timestep
-        every = whole_steps(period_s, timestep, f"rate of sensor {sensor} ({1.0 / period_s:g} Hz)")
-        delay = whole_steps(latency_s, timestep, f"latency of sensor {sensor}", least=0)
-        fill = 3 - len(columns)
-        grid = (*resolution, *fill * (0.0,))
-        columns, size = (*columns, *fill * (0,)), len(columns)
+        """Return a `_SENSOR` without errors of an angle."""
+        period_s = self.specification.period_s(sensor)
+        rate = f"rate of sensor {sensor} ({1.0 / period_s:g} Hz)"
+        fill = _ENTRIES - len(columns)
         return (
             NUMBER[sensor],
-            every,
-            delay,
-            size,
-            columns,
-            grid,
-            *(others or (-1, -1)),
-            (0.0, 0.0, 0.0),
+            whole_steps(period_s, self.timestep, rate),
+            whole_steps(latency_s, self.timestep, f"latency of sensor {sensor}", least=0),
+            len(columns),
+            (*columns, *fill * (0,)),
+            (*resolution, *fill * (0.0,)),
+            attitude_of,
+            corrected_by,
+            antenna,
+            *(0.0, 0.0, 0.0),
         )
 
 
@@ -255,65 +290,91 @@ def _take(
     truths: FloatArray,
     first: int,
     stride: int,
-    sensors: NDArray[np.void],
-    errors: FloatArray,
-    used: NDArray[np.int64],
-    attitudes: FloatArray,
-    levers: FloatArray,
-    receiver: FloatArray,
-    solutions: FloatArray,
-    way: FloatArray,
+    suite: _Suite,
     samples: FloatArray,
     due: FloatArray,
 ) -> int:
     """Take the samples of some moments in their order; return how many.
 
+    Written are the rows of `samples` and the physics step at which each is `due`.
+    """
+    travel = record(suite.travel, _TRAVEL)
+    epoch = np.zeros(EPOCH_SIZE)
+    count = 0
+    for moment in range(len(truths)):
+        truth = truths[moment]
+        step = first + moment * stride
+        moved = math.hypot(truth[_X] - travel.x, truth[_Y] - travel.y)
+        travel.x = truth[_X]
+        travel.y = truth[_Y]
+        # Before the first moment there is no position: then `moved` is NaN
+        travel.distance = travel.distance + moved if moved >= 0.0 else 0.0
+        for k in range(len(suite.sensors)):
+            of = record(suite.sensors[k], _SENSOR)
+            if step % of.every == 0:
+                _sample(truth, suite, k, epoch, samples[count])
+                due[count] = step + of.delay
+                count += 1
+    return count
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _sample(truth: FloatArray, suite: _Suite, k: int, epoch: FloatArray, row: FloatArray) -> None:
+    """Write a sample of the k-th sensor; `epoch` is the newest `EPOCH` of the receivers."""
+    of = record(suite.sensors[k], _SENSOR)
+    row[SampleColumn.TIME_S] = truth[_TIME]
+    row[SampleColumn.SENSOR] = of.index
+    row[SampleColumn.SECOND] = 0.0
+    row[SampleColumn.THIRD] = 0.0
+    for i in range(of.length):
+        row[SampleColumn.FIRST + i] = truth[of.columns[i]]
+    if of.corrected_by >= 0:
+        _correct_lever(truth, suite, of.corrected_by, row)
+    if of.offset != 0.0 or of.nonlinearity != 0.0:
+        curve = math.sin(_TURNS * row[SampleColumn.FIRST] + of.phase)
+        row[SampleColumn.FIRST] += of.offset + of.nonlinearity * curve
+
+    # Errors: those of the receivers come from one process, which the tractor's antenna advances;
+    # the trailer's sample follows at the same moment
+    drawn = suite.errors[k, suite.used[k]]
+    suite.used[k] += 1
+    solved = record(epoch, EPOCH)
+    if of.antenna == 0:
+        travel = record(suite.travel, _TRAVEL)
+        advance(suite.solutions, suite.receivers, drawn, truth[_TIME], travel.distance, epoch)
+        travel.distance = 0.0
+    if of.antenna >= 0:
+        row[SampleColumn.THIRD] = solved.status[of.antenna]
+    for i in range(of.length):
+        column = SampleColumn.FIRST + i
+        row[column] += solved.error[of.antenna, i] if of.antenna >= 0 else drawn[i]
+        if of.resolution[i] > 0.0:
+            row[column] = of.resolution[i] * round(row[column] / of.resolution[i])
+
+    if of.attitude_of >= 0:
+        suite.attitudes[of.attitude_of, 0] = row[SampleColumn.SECOND]
+        suite.attitudes[of.attitude_of, 1] = row[SampleColumn.THIRD]
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _correct_lever(truth: FloatArray, suite: _Suite, body: int, row: FloatArray) -> None:
+    """Move a sample from the antenna to the axle point by the measured roll and pitch of a body.
+
     The horizontal part of a lever arm in the map is that of R_z(yaw) R_y(pitch) R_x(roll) lever: an
     antenna at height h above its point moves h sin(roll) to the right of it and
     h cos(roll) sin(pitch) ahead.
     """
-    count, solved = 0, np.zeros(6)
-    for moment in range(len(truths)):
-        truth, step = truths[moment], first + moment * stride
-        moved = math.hypot(truth[_TRACTOR] - way[0], truth[_TRACTOR + 1] - way[1])
-        way[0], way[1] = truth[_TRACTOR], truth[_TRACTOR + 1]
-        way[2] = way[2] + moved if moved >= 0.0 else 0.0  # NaN: the first moment
-        for k in range(len(sensors)):
-            of = sensors[k]
-            if step % of.every != 0:
-                continue
-            row = samples[count]
-            row[0], row[1], row[4] = truth[0], of.number, 0.0
-            row[3] = 0.0
-            for i in range(of.length):
-                row[2 + i] = truth[of.columns[i]]
-            if of.corrects >= 0:
-                roll, pitch = attitudes[of.corrects, 0], attitudes[of.corrects, 1]
-                yaw, lever = truth[_YAWS[of.corrects]], levers[of.corrects]
-                aside = lever[1] * math.cos(roll) - lever[2] * math.sin(roll)
-                up = lever[1] * math.sin(roll) + lever[2] * math.cos(roll)
-                ahead = lever[0] * math.cos(pitch) + up * math.sin(pitch)
-                row[2] -= ahead * math.cos(yaw) - aside * math.sin(yaw)
-                row[3] -= ahead * math.sin(yaw) + aside * math.cos(yaw)
-            if of.curve[0] != 0.0 or of.curve[1] != 0.0:
-                bend = math.sin(_TURNS * row[2] + of.curve[2])
-                row[2] += of.curve[0] + of.curve[1] * bend
-            if of.antenna == 0:  # the trailer's sample follows at the same moment
-                advance(solutions, receiver, errors[k, used[k]], truth[0], way[2], solved)
-                way[2] = 0.0
-            if of.antenna >= 0:
-                row[4] = solved[4 + of.antenna]
-            for i in range(of.length):
-                antenna = of.antenna
-                row[2 + i] += solved[2 * antenna + i] if antenna >= 0 else errors[k, used[k], i]
-                if of.resolution[i] > 0.0:
-                    row[2 + i] = of.resolution[i] * round(row[2 + i] / of.resolution[i])
-            used[k] += 1
-            if of.length == 3:  # an IMU
-                attitudes[of.number - 6, 0], attitudes[of.number - 6, 1] = row[3], row[4]
-            due[count] = step + of.delay
-            count += 1
-    return count
+    roll = suite.attitudes[body, 0]
+    pitch = suite.attitudes[body, 1]
+    forward = suite.levers[body, 0]
+    left = suite.levers[body, 1]
+    height = suite.levers[body, 2]
+    yaw = truth[_YAWS[body]]
+    aside = left * math.cos(roll) - height * math.sin(roll)
+    up = left * math.sin(roll) + height * math.cos(roll)
+    ahead = forward * math.cos(pitch) + up * math.sin(pitch)
+    row[SampleColumn.FIRST] -= ahead * math.cos(yaw) - aside * math.sin(yaw)
+    row[SampleColumn.SECOND] -= ahead * math.sin(yaw) + aside * math.cos(yaw)
 
 
 def _columns(*names: str) -> tuple[int, ...]:
@@ -322,7 +383,9 @@ def _columns(*names: str) -> tuple[int, ...]:
 
 
 def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -> ErrorSource:
-    sd, rng = np.full(2, specification.gnss_sd_m), generator(seed, f"sensor/{sensor}")
+    """Return the errors of a receiver."""
+    sd = np.full(2, specification.gnss_sd_m)
+    rng = generator(seed, f"sensor/{sensor}")
     match specification.gnss_error:
         case "white":
             return White(sd, rng)
@@ -347,6 +410,7 @@ def _imu_units(yaw_rate_degps: float, angle_deg: float) -> tuple[float, float, f
 
 
 def _imu_error(imu: ImuSpecification, seed: int, sensor: Sensor) -> ErrorSource:
+    """Return the errors of an IMU, whose biases are drawn here."""
     sd = np.array(_imu_units(imu.yaw_rate_sd_degps, imu.angle_sd_deg))
     bias_sd = np.array(_imu_units(imu.yaw_rate_bias_sd_degps, imu.angle_bias_sd_deg))
     bias = bias_sd * generator(seed, f"sensor/{sensor}/bias").standard_normal(3)

@@ -26,15 +26,16 @@ class TruthEstimator:
 
     The disturbances are what the model lacks to the true motion from tick to tick. With (s, l) and
     (s_i, l_i), the displacements of tractor and trailer point along and across the mean heading of
-    their bodies in a period T, and the symbols of `ttempc.models.kinematics.articulated`:
+    their bodies in a period T, the wheel speed v_w, and the symbols of
+    `ttempc.models.kinematics.articulated`:
 
-        slips    l / s,   (l_i - c dpsi_i) / s,   1 - s / (T rim)
+        slips    l / s,   (l_i - c dpsi_i) / s,   1 - s / (T v_w)
         steering atan(L_t dpsi_t / s) - delta_t
         drive    ((v(k+1) - a v(k)) / (1 - a) - K hp) / tau,   a = exp(-T / tau)
 
     They are averaged over the last `MEMORY_M` metres: a controller can compensate the part that
     persists, not the oscillation of a wheel on the next bump. The speed is, for the same reason,
-    that of the rims less the mean slip. Nothing is counted as fixed in the map: filters
+    the wheel speed less the mean slip. Nothing is counted as fixed in the map: filters
     that split the slips gained up to 0.2 cm on `side-slope` and nothing on `wet-slope`.
 
     Args:
@@ -43,7 +44,8 @@ class TruthEstimator:
     """
 
     def __init__(self, truth: Callable[[], Truth], vehicle: Vehicle) -> None:
-        self._truth, self._vehicle = truth, vehicle
+        self._truth = truth
+        self._vehicle = vehicle
         self._last: Truth | None = None
         self._disturbance = np.zeros(len(Disturbance))
 
@@ -56,9 +58,12 @@ class TruthEstimator:
             self._learn(self._last, truth, command)
         self._last = truth
         state = np.empty(len(State))
-        state[State.X], state[State.Y] = truth.tractor.x, truth.tractor.y
-        state[State.PSI_T], state[State.PSI_I] = truth.tractor.yaw, truth.trailer.yaw
-        state[State.DELTA_T], state[State.DELTA_I] = truth.delta_t, truth.delta_i
+        state[State.X] = truth.tractor.x
+        state[State.Y] = truth.tractor.y
+        state[State.PSI_T] = truth.tractor.yaw
+        state[State.PSI_I] = truth.trailer.yaw
+        state[State.DELTA_T] = truth.delta_t
+        state[State.DELTA_I] = truth.delta_i
         state[State.V] = truth.wheel_speed * (1.0 - self._disturbance[Disturbance.WHEEL])
         return Estimate(
             time_s,
@@ -72,8 +77,9 @@ class TruthEstimator:
     def _learn(self, last: Truth, truth: Truth, command: Command) -> None:
         """Average the disturbances of the period between two ticks into those before."""
         along, across_t = _displacement(last.tractor, truth.tractor)
-        period, rim = truth.time_s - last.time_s, 0.5 * (last.wheel_speed + truth.wheel_speed)
-        if abs(along) < _LEAST_M or abs(rim) * period < _LEAST_M:
+        period = truth.time_s - last.time_s
+        wheel_speed = 0.5 * (last.wheel_speed + truth.wheel_speed)
+        if abs(along) < _LEAST_M or abs(wheel_speed) * period < _LEAST_M:
             return
         _, across_i = _displacement(last.trailer, truth.trailer)
         vehicle = self._vehicle
@@ -90,7 +96,7 @@ class TruthEstimator:
         present[Disturbance.DRIVE] = (
             steady - vehicle.speed_gain * command.hp
         ) / vehicle.speed_time_constant
-        present[Disturbance.WHEEL] = 1.0 - along / (period * rim)
+        present[Disturbance.WHEEL] = 1.0 - along / (period * wheel_speed)
         weight = -math.expm1(-abs(along) / MEMORY_M)
         self._disturbance += weight * (present - self._disturbance)
 
@@ -103,6 +109,8 @@ def _turn(last: Pose, pose: Pose) -> float:
 def _displacement(last: Pose, pose: Pose) -> tuple[float, float]:
     """Return the displacement along and across the mean heading of two poses [m]."""
     heading = last.yaw + 0.5 * _turn(last, pose)
-    cos, sin = math.cos(heading), math.sin(heading)
-    dx, dy = pose.x - last.x, pose.y - last.y
+    cos = math.cos(heading)
+    sin = math.sin(heading)
+    dx = pose.x - last.x
+    dy = pose.y - last.y
     return cos * dx + sin * dy, cos * dy - sin * dx

@@ -19,6 +19,7 @@ from ..actuation.actuators import move_valves, put_set_points
 from ..ground.ground import Ground
 from ..implement.mounted import MountedImplement
 from ..implement.tool_kernel import Tools, tool_step
+from ..kernel_options import KERNEL
 from ..truth import TruthBlock
 from ..vehicle.steering_coupling import Coupling, couple_joints
 from ..wheels.tyre_kernel import WheelSet, wheel_step
@@ -48,7 +49,7 @@ class Machine(NamedTuple):
     clock: Clock
 
 
-@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+@cached_njit(**KERNEL, nogil=True)
 def soil_steps(
     machine: Machine, tools: Tools | None, held: HeldCommand, truths: TruthBlock
 ) -> None:

@@ -56,7 +56,8 @@ class Deadline:
     def _look(self, number: int, frame: FrameType | None) -> None:
         if self._begun is None:
             return
-        spent_s, passed_s = thread_time() - self._begun[0], monotonic() - self._begun[1]
+        spent_s = thread_time() - self._begun[0]
+        passed_s = monotonic() - self._begun[1]
         if spent_s > self._limit_s:
             raise TimeoutError(f"did not return within {self._limit_s:g} s of processor time")
         if passed_s > PATIENCE * self._limit_s:

@@ -11,5 +11,5 @@ class HeldCommand(NamedTuple):
     axes: FloatArray  # rows `VALVE`, none where the command is the set points
     valves: FloatArray  # of `move_valves`, changed in place
     command: FloatArray  # (3,)
-    time_s: float  # at the start
+    time_s: float  # simulated time at the start
     stride: int  # number of physics steps to each stop

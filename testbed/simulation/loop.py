@@ -1,12 +1,26 @@
-"""Simulation loop: the stages of a control period, in the order in which data flows."""
+"""Simulation loop: the stages of a control period, in the order in which data flows.
+
+`STAGES` has the order of a tick:
+
+    prepare      the guidance computes what needs no samples
+    sense        truths since the last tick -> samples
+    estimate     samples -> estimate
+    control      estimate -> command
+    log_control  command and diagnostics -> record and log
+    advance      command -> truths: the plant drives for a control period
+    log_truth    truths beside their reference -> record and log
+    log_timing   computation times -> record and log
+    terminate    last truth -> whether the run ends early
+
+`periods` runs them tick by tick and says how the run ended.
+"""
 
 import gc
 import math
 import traceback
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
 from time import perf_counter_ns
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
@@ -17,21 +31,9 @@ from ..recording import channels
 from ..recording.channels import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..recording.record import LEARNT, OVERRUN, REACTION, REACTION_ENDED, Event
 from ..truth import STATE_COLUMNS, TYRE_COLUMNS, TruthBlock
+from .outcome import LONGEST, End, Outcome, end_of, end_without_arrival
 from .setup import SimulationSetup, Stage, TickContext
 from .termination import check_termination
-
-_LONGEST: Final = 3  # times its own length that a run may take; assumed
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How a run ended."""
-
-    status: Literal["completed", "stopped", "lost", "invalid"]
-    failure: str | None  # why, where it did not complete
-    duration_s: float  # simulated
-    wall_s: float
-    traceback: str | None = None  # of an exception in a user's controller or estimator
 
 
 def prepare(setup: SimulationSetup, tick: TickContext) -> None:
@@ -41,8 +43,8 @@ def prepare(setup: SimulationSetup, tick: TickContext) -> None:
 
 
 def sense(setup: SimulationSetup, tick: TickContext) -> None:
-    """Sample the sensors at every moment since the previous tick."""
-    truths = tick.moments.rows
+    """Sample the sensors at every truth since the previous tick."""
+    truths = tick.truths.rows
     samples, at = setup.sensors.sample(truths, tick.steps[0], tick.stride)
     tick.sensed(samples)
     if len(samples):
@@ -73,9 +75,12 @@ def control(setup: SimulationSetup, tick: TickContext) -> None:
 
 def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the record of the command."""
-    guidance, time, sink = setup.guidance, tick.now.time_s, setup.sink
+    guidance = setup.guidance
+    time = tick.now.time_s
+    sink = setup.sink
     record = guidance.tick_record
-    solver, tube = record[channels.SOLVER_COLUMNS], record[channels.TUBE_COLUMNS]
+    solver = record[channels.SOLVER_COLUMNS]
+    tube = record[channels.TUBE_COLUMNS]
     sink.row(channels.CONTROL, time, record[channels.CONTROL_COLUMNS])
     sink.row(channels.TRACKING, time, record[channels.TRACKING_COLUMNS])
     sink.row(channels.SOLVER, time, solver)
@@ -96,47 +101,62 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
 def advance(setup: SimulationSetup, tick: TickContext) -> None:
     """Run the plant for one control period, with stops where a sensor or the record needs it."""
     assert tick.command is not None
-    steps, stride, plant = setup.control_steps, tick.stride, setup.plant
-    step, took_s = tick.k * steps, 1e-9 * (tick.estimator_ns + tick.control_ns)
-    late = 0  # physics steps by which the command comes late
-    if took_s > (period_s := steps * tick.timestep_s):
-        text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
-        setup.sink.event(Event(tick.k * period_s, "warning", text))
-        late = math.ceil(took_s / tick.timestep_s) if setup.realtime else 0
-    queue, end = tick.commands, step + steps
-    queue.append((step + late, tick.command))
-    start, parts = perf_counter_ns(), []
-    while step < end:  # a command acts from its physics step on, in the order of sending
-        while len(queue) > 1 and queue[1][0] <= step:
-            queue.popleft()
-        until = min(end, queue[1][0]) if len(queue) > 1 else end
-        count = -(-(until - step) // stride)  # one that comes due within a stride acts after it
-        parts.append(plant.drive(queue[0][1], count, stride))
-        step += count * stride
-    tick.plant_ns = perf_counter_ns() - start
-    moments = parts[0]
-    if len(parts) > 1:
-        moments = TruthBlock(*map(np.concatenate, zip(*parts, strict=True)))
-    tick.drive_to(end, moments)
+    begin = tick.k * setup.control_steps
+    end = begin + setup.control_steps
+    tick.commands.append((begin + _late_steps(setup, tick), tick.command))
+
+    start_ns = perf_counter_ns()
+    blocks = []
+    step = begin
+    while step < end:
+        command, until = tick.command_at(step, end)
+        # a command that comes due within a stride acts after it
+        stops = -(-(until - step) // tick.stride)
+        blocks.append(setup.plant.drive(command, stops, tick.stride))
+        step += stops * tick.stride
+    tick.plant_ns = perf_counter_ns() - start_ns
+
+    truths = blocks[0]
+    if len(blocks) > 1:
+        truths = TruthBlock(*map(np.concatenate, zip(*blocks, strict=True)))
+    tick.drive_to(end, truths)
+
+
+def _late_steps(setup: SimulationSetup, tick: TickContext) -> int:
+    """Return the physics steps by which the command of this tick comes late; log an overrun."""
+    took_s = 1e-9 * (tick.estimator_ns + tick.control_ns)
+    period_s = setup.control_steps * tick.timestep_s
+    if took_s <= period_s:
+        return 0
+    text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
+    setup.sink.event(Event(tick.k * period_s, "warning", text))
+    return math.ceil(took_s / tick.timestep_s) if setup.realtime else 0
 
 
 def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the truth beside its reference."""
-    moments, steps, sink = tick.moments, tick.steps, setup.sink
-    if (every := setup.record_steps // tick.stride) > 1:
+    truths = tick.truths
+    steps = tick.steps
+    every = setup.record_steps // tick.stride
+    if every > 1:
         due = slice(-steps[0] % setup.record_steps // tick.stride, None, every)
-        moments, steps = TruthBlock(*(each[due] for each in moments)), steps[due]
+        truths = TruthBlock(*(part[due] for part in truths))
+        steps = steps[due]
+
     first = tick.reference_step(steps[0], setup.control_steps)
     stride = 0 if tick.waits else setup.record_steps
-    times, references = moments.rows[:, 0], setup.reference_rows(first, stride, moments)
-    sink.scenes(moments)
-    sink.rows(channels.STATE, times, moments.rows[:, STATE_COLUMNS])
+    times = truths.rows[:, 0]
+    references = setup.reference_rows(first, stride, truths)
+
+    sink = setup.sink
+    sink.scenes(truths)
+    sink.rows(channels.STATE, times, truths.rows[:, STATE_COLUMNS])
     sink.rows(channels.REFERENCE, times, references)
-    sink.rows(channels.TYRES, times, moments.rows[:, TYRE_COLUMNS])
-    if moments.tools.size:
-        sink.rows(channels.TOOL, times, channels.tool_rows(moments.tools, references))
+    sink.rows(channels.TYRES, times, truths.rows[:, TYRE_COLUMNS])
+    if truths.tools.size:
+        sink.rows(channels.TOOL, times, channels.tool_rows(truths.tools, references))
     for channel, judged in setup.judges:
-        sink.rows(channel, times, judged(moments, references))
+        sink.rows(channel, times, judged(truths, references))
 
 
 def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
@@ -150,20 +170,24 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
 
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
-    now, limits = tick.now, setup.termination
+    now = tick.now
+    limits = setup.termination
     step = tick.reference_step(tick.steps[-1], setup.control_steps)
     place = now.tractor[:2]
     distance_m = math.dist(place, setup.reference_row(step, *place)[:2].tolist())
     slip = tick.slip.update(now, limits.stuck_time)
-    guidance = setup.guidance
     stands = abs(now.speed) < limits.standing
-    if not guidance.stopping:
+
+    # since when the supervisor stops the vehicle, and why
+    if not setup.guidance.stopping:
         tick.stopping = None
     elif tick.stopping is None:
-        tick.stopping = now.time_s, guidance.diagnostics.fallback
+        tick.stopping = (now.time_s, setup.guidance.diagnostics.fallback)
     since_s, reason = tick.stopping or (-math.inf, "")
-    stopping = bool(tick.stopping) and (stands or now.time_s - since_s <= limits.stop_time)
+    stopping = tick.stopping is not None and (stands or now.time_s - since_s <= limits.stop_time)
     tick.lost = check_termination(now, distance_m, setup.terrain, limits, slip, stopping=stopping)
+
+    # a stopped vehicle may stand for a time, unless its reference has gone on without it
     if not (reason and stands):
         tick.standing_s = None
     elif tick.standing_s is None:
@@ -236,44 +260,35 @@ def periods(
     for text in setup.notes:
         setup.sink.event(Event(tick.now.time_s, "info", text))
     log_truth(setup, tick)
-    status: Literal["completed", "stopped", "lost", "invalid"] = "completed"
-    failure: str | None = None
+
+    end: End | None = None
     trace: str | None = None
-    start = perf_counter_ns()
-    left_m = 0.0
+    start_ns = perf_counter_ns()
     try:
         setup.guidance.warm_up()
         gc.freeze()  # the collector does not look through 200,000 older objects again and again
-        start = perf_counter_ns()
-        for k in range(_LONGEST * ticks):
+        start_ns = perf_counter_ns()
+        for k in range(LONGEST * ticks):
             tick.k = k
             for stage in stages:
                 if stage is control:
                     yield tick
                 stage(setup, tick)
             on_tick(k)
-            if tick.lost or tick.stopped:
-                status, failure = ("lost", tick.lost) if tick.lost else ("stopped", tick.stopped)
-            if failure:
+            end = end_of(setup, tick, ticks)
+            if end:
                 break
-            if setup.guidance.reference_tick >= ticks:
-                left_m = setup.behind_m(ticks * setup.control_steps, *tick.now.tractor[:2])
-                if left_m <= setup.termination.deviation:
-                    break
         else:
-            if setup.guidance.reference_tick >= ticks:
-                after = f"after {_LONGEST} times the time of its reference"
-                status, failure = "lost", f"{left_m:.0f} m of its path are left {after}"
-            else:
-                why = setup.guidance.diagnostics.fallback
-                status, failure = "stopped", f"{why}: the reference waited too long"
+            end = end_without_arrival(setup, tick, ticks)
     except (PlantDiverged, GuidanceFailed, StageFailed, TimeoutError) as error:
-        status, failure = "invalid", str(error)
+        end = ("invalid", str(error))
         if error.__cause__ is not None:
             trace = "".join(traceback.format_exception(error.__cause__))
     finally:
         gc.unfreeze()
-    time = tick.now.time_s
+
+    status, failure = end or ("completed", None)
+    time_s = tick.now.time_s
     for text in filter(None, (failure, trace)):
-        setup.sink.event(Event(time, "error", text))
-    return Outcome(status, failure, time, 1e-9 * (perf_counter_ns() - start), trace)
+        setup.sink.event(Event(time_s, "error", text))
+    return Outcome(status, failure, time_s, 1e-9 * (perf_counter_ns() - start_ns), trace)

@@ -33,7 +33,8 @@ def mjcf_files(plant: Plant) -> dict[str, bytes]:
     """
     if not isinstance(plant.wheels, ContactWheels):
         raise InvalidPlant('plant.wheels: must be "contact" for an export as MJCF')
-    model, data = plant.model, plant.data
+    model = plant.model
+    data = plant.data
     spec = build_spec(plant.vehicle, plant.terrain, "contact", plant.wheel_law, plant.timestep_s)
     for wheel in WHEELS:
         spec.geom(f"{wheel}_contact").friction[0] = model.geom(f"{wheel}_contact").friction[0]
@@ -52,7 +53,8 @@ def mjcf_files(plant: Plant) -> dict[str, bytes]:
 def _put_plane(spec: mujoco.MjSpec, terrain: Terrain) -> None:
     size_x, size_y = terrain.size_m
     ground = spec.geom("ground")
-    ground.type, ground.hfieldname = mujoco.mjtGeom.mjGEOM_PLANE, ""
+    ground.type = mujoco.mjtGeom.mjGEOM_PLANE
+    ground.hfieldname = ""
     ground.size = [0.5 * size_x, 0.5 * size_y, 1.0]
     ground.pos = [*terrain.centre, float(terrain.heights.flat[0])]
     spec.delete(spec.hfield("ground"))
@@ -63,6 +65,8 @@ def _put_heights(spec: mujoco.MjSpec, terrain: Terrain) -> bytes:
     low = terrain.heights.min()
     rise = max(float(np.ptp(terrain.heights)), 1e-6)  # as of the field in the spec
     field = spec.hfield("ground")
-    field.userdata, field.file, field.content_type = [], GROUND_FILE, "image/vnd.mujoco.hfield"
+    field.userdata = []
+    field.file = GROUND_FILE
+    field.content_type = "image/vnd.mujoco.hfield"
     heights = ((terrain.heights - low) / rise).astype("<f4")
     return struct.pack("<ii", *heights.shape) + heights.tobytes()

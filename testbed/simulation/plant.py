@@ -344,7 +344,7 @@ class Plant:
             data.qvel[:] *= fade
             data.qvel[self._wheel_dofs] = 0.0
             if self.implement:
-                self.implement.state[:] = 0.0  # raised
+                self.implement.state[:] = 0.0  # the tools stay raised
 
         weight = -self.model.opt.gravity[2] * self.model.body_mass.sum()
         steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)

@@ -39,8 +39,8 @@ class SimulationSetup:
     place: Callable[[float, float], float] | None = None
     # Whether the command of a step that took longer than its period acts as much later
     realtime: bool = False
-    deadline: Deadline = field(default_factory=Deadline)  # of the guidance
-    # Further channels, each with a function from moments in the order of time and the rows of
+    deadline: Deadline = field(default_factory=Deadline)  # limit of each call of the guidance
+    # Further channels, each with a function from truths in the order of time and the rows of
     # their reference to its rows
     judges: Sequence[tuple[Channel, Callable[[TruthBlock, FloatArray], FloatArray]]] = ()
 
@@ -56,20 +56,20 @@ class SimulationSetup:
         share = place - row
         return (1.0 - share) * self.reference[row] + share * self.reference[row + 1]
 
-    def reference_rows(self, first: int, stride: int, moments: TruthBlock) -> FloatArray:
-        """Return the rows of the reference for moments, as `reference_row`, (n, fields).
+    def reference_rows(self, first: int, stride: int, truths: TruthBlock) -> FloatArray:
+        """Return the rows of the reference for truths, as `reference_row`, (n, fields).
 
         They belong to steps of the reference from `first` on, `stride` apart; 0 where it waits.
         """
-        count = len(moments.rows)
+        count = len(truths.rows)
         if self.place is None and stride:
             row = first // self.record_steps
             return self.reference[row : row + count * (stride // self.record_steps)]
-        places = moments.rows[:, 1:3].tolist()
+        places = truths.rows[:, 1:3].tolist()
         return np.array([self.reference_row(first, x, y) for x, y in places])
 
-    def behind_m(self, step: int, x: float, y: float) -> float:
-        """Return the way of the reference from (x, y) to a step of it [m], 0 if it is past.
+    def distance_left_m(self, step: int, x: float, y: float) -> float:
+        """Return the distance along the reference from (x, y) to its step [m], 0 if it is past.
 
         It is 0 as well where the reference is followed by time.
         """
@@ -82,14 +82,14 @@ class SimulationSetup:
 class TickContext:
     """Data of one control period; a stage reads what earlier stages left and adds its own.
 
-    `now` is the plant at the last of the `moments`, which are those since the previous tick, at
+    `now` is the plant at the last of the `truths`, which are those since the previous tick, at
     their physics `steps`. `measurements` and `control` are views, made when someone asks for them.
     """
 
     def __init__(self, setup: SimulationSetup) -> None:
-        self.k = 0  # control tick, counted
+        self.k = 0  # number of the control tick
         self._guidance = setup.guidance
-        self.timestep_s = setup.plant.timestep_s  # physics step
+        self.timestep_s = setup.plant.timestep_s  # length of a physics step [s]
         # physics steps from one moment to the next
         self.stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
         self.drive_to(0, setup.plant.present())
@@ -109,11 +109,23 @@ class TickContext:
         self.waits = False  # whether the reference stays there for the period
         self.estimator_ns = self.control_ns = self.plant_ns = 0
 
-    def drive_to(self, step: int, moments: TruthBlock) -> None:
-        """Take over the moments up to a physics step, the last of them."""
-        self.moments, count = moments, len(moments.rows)
+    def drive_to(self, step: int, truths: TruthBlock) -> None:
+        """Take over the truths up to a physics step, the last of them."""
+        self.truths = truths
+        count = len(truths.rows)
         self.steps = range(step - (count - 1) * self.stride, step + 1, self.stride)
-        self.now: Truth = moments.truth(-1)
+        self.now: Truth = truths.truth(-1)
+
+    def command_at(self, step: int, end: int) -> tuple[Command, int]:
+        """Return the command that acts at a physics step, and the step up to which it does.
+
+        Commands act in the order of sending, each from its physics step on, at most up to `end`.
+        """
+        queue = self.commands
+        while len(queue) > 1 and queue[1][0] <= step:
+            queue.popleft()
+        until = min(end, queue[1][0]) if len(queue) > 1 else end
+        return queue[0][1], until
 
     def sensed(self, samples: FloatArray) -> None:
         """Take over the samples of the period as rows, see `ttempc.layout.SAMPLE`."""

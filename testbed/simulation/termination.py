@@ -11,7 +11,7 @@ from ..ground.terrain import Terrain
 from ..truth import Truth
 from ..vehicle.vehicle import PlantVehicle
 
-_SHORTEST_WAY_M: Final = 1.0  # of the rims: a vehicle that stands does not slip
+_LEAST_TRAVEL_M: Final = 1.0  # of the driven wheels: a vehicle that stands does not slip
 _STOP_MARGIN_DEG: Final = 2.0  # of jack-knife to the stop, which is elastic; assumed
 
 
@@ -40,27 +40,34 @@ class TerminationLimits:
 
 
 class MeanSlip:
-    """Slip of the driven wheels over a time: of the way of their rims, what the vehicle did not go.
+    """Slip of the driven wheels over a time: the share of their travel that the vehicle did not go.
 
-    It needs no slip of the wheel model, and a way back counts against the way forth.
+    It needs no slip of the wheel model, and travel in reverse counts against travel forward.
     """
 
     def __init__(self) -> None:
-        self._ways: deque[tuple[float, float, float]] = deque()  # time, way of rims, of tractor
+        # time [s], travel of the driven wheels and of the tractor [m] since the start
+        self._travels: deque[tuple[float, float, float]] = deque()
 
     def update(self, now: Truth, window: float) -> float:
         """Return the mean slip of the last `window` seconds up to this state of the plant.
 
-        It is 0 where the rims went less than a metre.
+        It is 0 where the wheels went less than a metre.
         """
-        ways = self._ways
-        last, rims, tractor = ways[-1] if ways else (now.time_s, 0.0, 0.0)
-        step = now.time_s - last
-        ways.append((now.time_s, rims + step * now.wheel_speed, tractor + step * now.speed))
-        while len(ways) > 2 and now.time_s - ways[1][0] > window - 1e-6:
-            ways.popleft()
-        way = ways[-1][1] - ways[0][1]
-        return 0.0 if abs(way) < _SHORTEST_WAY_M else 1.0 - (ways[-1][2] - ways[0][2]) / way
+        travels = self._travels
+        last_s, by_wheels, by_tractor = travels[-1] if travels else (now.time_s, 0.0, 0.0)
+        passed_s = now.time_s - last_s
+        by_wheels += passed_s * now.wheel_speed
+        by_tractor += passed_s * now.speed
+        travels.append((now.time_s, by_wheels, by_tractor))
+        while len(travels) > 2 and now.time_s - travels[1][0] > window - 1e-6:
+            travels.popleft()
+
+        _, first_by_wheels, first_by_tractor = travels[0]
+        travel = by_wheels - first_by_wheels
+        if abs(travel) < _LEAST_TRAVEL_M:
+            return 0.0
+        return 1.0 - (by_tractor - first_by_tractor) / travel
 
 
 def check_termination(

@@ -15,6 +15,7 @@ from ttempc.types import FloatArray
 from ..bodies import AHEAD, LEFT, UP, Bodies, axis_of, row_vector, velocity_of
 from ..implement.mounted import MountedImplement
 from ..implement.tool_kernel import LIFT
+from ..kernel_options import INLINED, KERNEL
 from ..truth import TOOL, TOOL_SIZE, TRUTH, TruthBlock
 from ..vectors import Vector, dot
 
@@ -22,17 +23,17 @@ from ..vectors import Vector, dot
 class Places(NamedTuple):
     """Places of the vehicle's parts in MuJoCo's arrays."""
 
-    tractor: int  # bodies
+    tractor: int  # numbers of bodies
     drawbar: int
     trailer: int
-    antenna_t: int  # sites
+    antenna_t: int  # numbers of sites
     antenna_i: int
-    beta: int  # positions of joints
+    beta: int  # joints, in the positions
     delta_t: int
     delta_i: int
-    rear_left: int  # velocities of joints
+    rear_left: int  # joints, in the velocities
     rear_right: int
-    hydrostat: int  # activation of an actuator
+    hydrostat: int  # actuator, in the activations
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Self:
@@ -96,10 +97,10 @@ class State(NamedTuple):
         )
 
 
-_inlined = cached_njit(error_model="numpy", boundscheck=False, inline="always")
+_inlined = cached_njit(**INLINED)
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def write_truth(time: float, state: State, truths: TruthBlock, stop: int) -> None:
     """Write the present state into row `stop` of a block, at a time [s]."""
     _write_row(time, state, truths.rows[stop])
@@ -124,7 +125,7 @@ def _attitude(bodies: Bodies, body: int) -> Vector:
     return _yaw(bodies, body), pitch, math.atan2(left[2], up[2])
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def _write_row(time: float, state: State, row: FloatArray) -> None:
     truth = record(row, TRUTH)
     places = state.places
@@ -162,7 +163,7 @@ def _write_row(time: float, state: State, row: FloatArray) -> None:
         truth.antennas[1, axis] = state.sites[places.antenna_i, axis]
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def _write_poses(state: State, poses: FloatArray) -> None:
     for body in range(poses.shape[0]):
         for axis in range(3):
@@ -171,7 +172,7 @@ def _write_poses(state: State, poses: FloatArray) -> None:
             poses[body, 3 + part] = state.quaternions[body, part]
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def _write_tool(state: State, row: FloatArray) -> None:
     tool = record(row, TOOL)
     lift = record(state.lift, LIFT)

@@ -49,7 +49,9 @@ class Bench:
     def nominal(self) -> Vehicle:
         """Model parameters of the vehicle's file."""
         vehicle = self.vehicle
-        front, trailer, drive = vehicle.front_steering, vehicle.trailer_steering, vehicle.hydrostat
+        front = vehicle.front_steering
+        trailer = vehicle.trailer_steering
+        drive = vehicle.hydrostat
         return Vehicle(
             wheelbase=vehicle.tractor.wheelbase_m,
             hitch_offset=vehicle.hitch.offset_m,
@@ -105,7 +107,8 @@ def column(truths: Sequence[Truth], name: str) -> FloatArray:
 
 def bodies(plant: Plant, root: str) -> Sequence[int]:
     """Return the ids of a body and of all bodies below it in the kinematic tree."""
-    parent, top = plant.model.body_parentid, plant.body_names.index(root)
+    parent = plant.model.body_parentid
+    top = plant.body_names.index(root)
     members = [top]
     for body in range(top + 1, len(parent)):
         if parent[body] in members:

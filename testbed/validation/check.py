@@ -44,7 +44,7 @@ class Check:
     expectation: str  # text of the range
     low: float  # smallest figure that passes
     high: float  # largest figure that passes
-    source: str  # of the expectation
+    source: str  # where the expectation is from
     note: str = ""
     chart: Chart | None = None
 

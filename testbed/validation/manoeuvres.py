@@ -137,11 +137,13 @@ _BUILD_UP_S: Final = 0.2  # in which motion resistance builds up over its relaxa
 
 def hydrostat_step(bench: Bench) -> Iterator[Measured]:
     """Measure gain and lag of the speed after a full hydrostat step on firm level ground."""
-    gain, tau = bench.nominal.speed_gain, bench.nominal.speed_time_constant
+    gain = bench.nominal.speed_gain
+    tau = bench.nominal.speed_time_constant
     plant = bench.plant(flat((120.0, 10.0)))
     plant.reset(-50.0, 0.0, 0.0, 0.0)
     truths = drive(plant, Command(0.0, 0.0, 1.0), 6.0 * tau, 0.05)
-    time, speed = column(truths, "time_s"), column(truths, "speed")
+    time = column(truths, "time_s")
+    speed = column(truths, "speed")
 
     def lag(t: np.ndarray, gain: float, tau: float) -> np.ndarray:
         return gain * (1.0 - np.exp(-t / tau))
@@ -163,8 +165,10 @@ def coast_down(bench: Bench) -> Iterator[Measured]:
     plant.reset(0.0, 0.0, 0.0, SPEED)
     plant.model.actuator("hydrostat").forcerange[:] = 0.0
     truths = drive(plant, STOP, 0.8, 0.02)
-    time, speed = column(truths, "time_s"), column(truths, "speed")
-    load, law = np.mean(column(truths, "wheels.load"), axis=0), plant.wheel_law
+    time = column(truths, "time_s")
+    speed = column(truths, "speed")
+    load = np.mean(column(truths, "wheels.load"), axis=0)
+    law = plant.wheel_law
     bn, _ = _mobility(plant, load, bench.cone_index)
     resistance = -float(load @ law.net_traction_ratio(bn, law.towed_slip(bn)))
     mass, _ = centre_of_mass(plant, bodies(plant, "tractor"))
@@ -183,7 +187,8 @@ def coast_down(bench: Bench) -> Iterator[Measured]:
 
 def _axle_inertia(plant: Plant, wheel: str) -> float:
     """Return the inertia of a wheel about its axle [kg m^2], the y axis of its body."""
-    body, axes = plant.model.body(wheel), np.empty(9)
+    body = plant.model.body(wheel)
+    axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, body.iquat)  # MuJoCo sorts the principal moments
     principal = float(axes.reshape(3, 3)[1] ** 2 @ body.inertia)
     return principal + float(plant.model.joint(wheel).armature[0])
@@ -200,7 +205,8 @@ def steering_steps(bench: Bench) -> Iterator[Measured]:
         plant.reset(0.0, 0.0, 0.0, 1.0)
         command = replace(bench.command(), **{f"delta_{letter}": 1.5})
         truths = drive(plant, command, limit / rate + 8.0 * lag, every_s)
-        angle, time = column(truths, f"delta_{letter}"), column(truths, "time_s")
+        angle = column(truths, f"delta_{letter}")
+        time = column(truths, "time_s")
         ideal = np.clip(np.degrees(rate * (time - lag)), 0.0, math.degrees(limit))
         lines = {"plant": np.degrees(angle), "rate, lag, stop": ideal}
         chart = _chart(f"Step of the {name}", "time [s]", "angle [deg]", time, **lines)
@@ -258,7 +264,8 @@ def circles(bench: Bench) -> Iterator[Measured]:
     ratios, predicted, radii, measured = turns.T
     closed = np.array([off_tracking(bench, radius) for radius in radii.tolist()])
     lines = {"plant": ratios, "balance of forces": predicted}
-    title, x_label = "Steady turning on firm ground", "radius by Ackermann [m]"
+    title = "Steady turning on firm ground"
+    x_label = "radius by Ackermann [m]"
     yield Measured(ratios.min())
     yield Measured(ratios.max())
     yield Measured(
@@ -281,7 +288,8 @@ def softening(bench: Bench) -> Iterator[Measured]:
     turns = [_turn(bench, _RADIUS, strength) for strength in _STRENGTHS.tolist()]
     ratios, predicted = np.array(turns).T[:2]
     lines = {"plant": ratios, "balance of forces": predicted}
-    title, x_label = "Turning at R = 10 m on softer soil", "cone index [kPa]"
+    title = "Turning at R = 10 m on softer soil"
+    x_label = "cone index [kPa]"
     yield Measured(
         ratios[0] - ratios[-1],
         predicted[0] - predicted[-1],
@@ -305,7 +313,9 @@ def off_tracking(bench: Bench, radius: float) -> float:
 # --- traction -------------------------------------------------------------------------------------
 
 _PULLING: Final = 0.7  # [m/s]
-_SLIPS: Final = np.array([0.0, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.20])  # desired
+_SLIPS: Final = np.array(
+    [0.0, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.20]
+)  # slips that are aimed at
 
 # Slip at best tractive efficiency: University of Arizona Cooperative Extension. It names surfaces
 # without a cone index; each is identified by the mobility number Bn that ASABE D497 gives for drive
@@ -353,7 +363,8 @@ def pull_at(bench: Bench, plant: Plant, cone_index: float, slip: float) -> Pull:
     plant.data.xfrc_applied[plant.body_names.index("tractor"), 0] = -pull
     command = bench.command(_PULLING)
     plant.advance(command, steps(plant, 6.0))
-    rows, loads = [], []
+    rows = []
+    loads = []
     hydrostat = plant.model.actuator("hydrostat").id
     for _ in range(25):
         truth = drive(plant, command, 0.02, 0.02)[0]
@@ -434,7 +445,8 @@ def efficiency(bench: Bench) -> Iterator[Measured]:
 def _best(slips: FloatArray, efficiency: FloatArray) -> float:
     """Return the slip of the largest efficiency, from a parabola through three samples."""
     order = np.argsort(slips)
-    slips, efficiency = slips[order], efficiency[order]
+    slips = slips[order]
+    efficiency = efficiency[order]
     top = int(efficiency.argmax())
     if not 0 < top < len(slips) - 1:
         return float(slips[top])
@@ -472,7 +484,8 @@ def side_force(bench: Bench) -> Iterator[Measured]:
             [math.atan2(t.lateral_speed, v) for t, v in zip(truths, travel, strict=True)]
         )
         span = truths[-1].time_s - truths[0].time_s
-        first, last = truths[0].trailer, truths[-1].trailer
+        first = truths[0].trailer
+        last = truths[-1].trailer
         # the field's y rises with the slope
         velocity = np.array([last.x - first.x, (last.y - first.y) / math.cos(slope)]) / span
         yaw = np.mean([t.trailer.yaw for t in truths])
@@ -485,7 +498,8 @@ def side_force(bench: Bench) -> Iterator[Measured]:
             total = load[axle].sum()
             rows.append((angle, side[axle].sum() / total, load[axle] @ both[axle] / total))
     angles, measured, expected = np.array(rows)[np.argsort([row[0] for row in rows])].T
-    degrees, title = np.degrees(angles), f"Side force, {bench.cone_index:.0f} kPa"
+    degrees = np.degrees(angles)
+    title = f"Side force, {bench.cone_index:.0f} kPa"
     lines = {"plant": measured, "lateral law": expected}
     yield Measured(
         np.abs(measured - expected).max(),
@@ -504,8 +518,9 @@ def contour(bench: Bench) -> Iterator[Measured]:
     plant = bench.plant(flat((60.0, 30.0)).tilted(slope, _UP_Y), bench.cone_index)
     plant.reset(-20.0, 0.0, 0.0, SPEED)
     truths = drive(plant, bench.command(), _DRIFT_S, 0.1)
-    speed, time = float(np.mean(column(truths, "speed"))), column(truths, "time_s")
-    load = np.mean(column(truths, "wheels.load"), axis=0)  # tilted downhill
+    speed = float(np.mean(column(truths, "speed")))
+    time = column(truths, "time_s")
+    load = np.mean(column(truths, "wheels.load"), axis=0)  # the slope shifts the loads
     pull = plant.model.opt.gravity[2] * math.sin(slope)
     motion = steady_motion(planar, 0.0, speed, load, bench.cone_index, pull)
     down = -column(truths, "tractor.y") / math.cos(slope)
@@ -530,7 +545,8 @@ def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
 
     Then the chain of lengths from axle to axle, and the residual with each sign flipped.
     """
-    vehicle, every_s = bench.nominal, 0.02
+    vehicle = bench.nominal
+    every_s = 0.02
     plant = bench.plant(flat((60.0, 60.0)))
     plant.reset(-20.0, 0.0, 0.0, SPEED)
     truths = []
@@ -595,19 +611,25 @@ def bump(bench: Bench) -> Iterator[Measured]:
     plant.reset(0.0, 0.0, 0.0, 0.0)
     radius = float(plant.tyres.radius.min())
     places = wheel_places(plant)[:, 0]
-    length, ahead = radius, places.max() + _RUN_UP_M
+    length = radius
+    ahead = places.max() + _RUN_UP_M
     plant = bench.plant(_lane(ahead, length, _HEIGHT * radius))
     plant.reset(0.0, 0.0, 0.0, SPEED)
     travel = ahead + length - places.min() + 0.3  # until the last wheel has left the bump
-    mass, stiffness = plant.model.body_mass, plant.tyres.stiffness
-    loads, verticals = [], []
+    mass = plant.model.body_mass
+    stiffness = plant.tyres.stiffness
+    loads = []
+    verticals = []
     for _ in range(round((travel / SPEED + 1.0) / every_s)):
         before = plant.data.xipos[:, 2].copy()
         loads.append(drive(plant, bench.command(), every_s, every_s)[0].wheels.load)
         verticals.append((plant.data.xipos[:, 2] - before) / every_s)
-    force, vertical = np.array(loads), np.array(verticals)
+    force = np.array(loads)
+    vertical = np.array(verticals)
     run_up = round((_RUN_UP_M - 0.2) / SPEED / every_s)
-    rest = force[run_up - round(0.5 / every_s) : run_up].mean(axis=0)  # rolling
+    rest = force[run_up - round(0.5 / every_s) : run_up].mean(
+        axis=0
+    )  # while it still rolls on level ground
     energy = 0.5 * vertical**2 @ mass + 0.5 * (force - rest) ** 2 @ (1.0 / stiffness)
     remaining = float(energy[-round(0.2 / every_s) :].mean() / energy[run_up:].max())
     time = every_s * np.arange(1.0, len(energy) + 1.0)
@@ -694,7 +716,8 @@ def _remove_losses(plant: Plant) -> None:
 
 def _slide(plant: Plant) -> None:
     """Advance one physics step with the normal forces of the wheels alone."""
-    model, data = plant.model, plant.data
+    model = plant.model
+    data = plant.data
     if plant.wheels.follows_soil_law:
         ids = np.array([plant.body_names.index(wheel) for wheel in WHEELS])
         motion = wheel_motion(plant)
@@ -713,7 +736,8 @@ def _mechanics(plant: Plant) -> tuple[float, FloatArray, FloatArray]:
     The energy is that about the centre of mass: the energy of the fall itself has the integrator's
     error dt / t, which is not a property of the model.
     """
-    model, data = plant.model, plant.data
+    model = plant.model
+    data = plant.data
     mujoco.mj_subtreeVel(model, data)
     mass = float(model.body_mass.sum())
     momentum = mass * data.subtree_linvel[1].copy()
@@ -734,7 +758,8 @@ _CONVERGE_S: Final = 10.0
 
 def convergence(bench: Bench) -> Iterator[Measured]:
     """Measure the end point after 10 s on the scenario's ground at four time steps."""
-    ends, (x, y) = [], bench.terrain.centre
+    ends = []
+    (x, y) = bench.terrain.centre
     for timestep in _TIMESTEPS_S:
         plant = bench.plant(bench.terrain, bench.soil, timestep_s=timestep)
         plant.reset(x - 0.5 * SPEED * _CONVERGE_S, y, 0.0, SPEED)

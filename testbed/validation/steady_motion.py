@@ -84,11 +84,7 @@ def steady_motion(
     """
     lengths = vehicle.lengths
     tangent = math.tan(delta_t)
-    heading = np.zeros(len(WHEELS))  # of the wheels in their own body
-    sides = np.sign(vehicle.place[:, 1])
-    heading[_FRONT] = np.arctan2(  # Ackermann
-        lengths.wheelbase * tangent, lengths.wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent
-    )
+    heading = _wheel_headings(vehicle, tangent)
     law = vehicle.law
     bn, m = mobility(law, vehicle.tyres, load, np.full(len(WHEELS), cone_index))
     pin = np.array([-lengths.hitch_offset, 0.0])
@@ -97,7 +93,8 @@ def steady_motion(
     def imbalance(unknown: FloatArray) -> FloatArray:
         yaw_rate, lateral, beta, drive = unknown[:4]
         slip = np.clip(unknown[4:], -0.99, 0.99)  # (6,)
-        cosine, sine = math.cos(beta), math.sin(beta)
+        cosine = math.cos(beta)
+        sine = math.sin(beta)
         turn = np.array([[cosine, sine], [-sine, cosine]])  # trailer's axes to the tractor's
         place = vehicle.place.copy()
         place[TRAILER] = pin + (place[TRAILER] - pin) @ turn.T
@@ -113,7 +110,8 @@ def steady_motion(
             )
 
         moving = velocity(place)
-        along, across = (moving * ahead).sum(axis=1), (moving * left).sum(axis=1)
+        along = (moving * ahead).sum(axis=1)
+        across = (moving * left).sum(axis=1)
         gross = np.where(DRIVEN, drive * half, 0.0)  # open differential: one torque for both
         sliding = along * np.maximum(slip, 0.0) / (1.0 - np.maximum(slip, 0.0))
         slip_angle = np.arctan(across / np.maximum(along, sliding))
@@ -144,6 +142,16 @@ def steady_motion(
     if status != 1:
         return SteadyMotion(math.nan, math.nan, math.nan)
     return SteadyMotion(*map(float, solution[:3]))
+
+
+def _wheel_headings(vehicle: Planar, tangent: float) -> FloatArray:
+    """Return the headings of the wheels in their own body [rad], by Ackermann, (6,)."""
+    wheelbase = vehicle.lengths.wheelbase
+    heading = np.zeros(len(WHEELS))
+    sides = np.sign(vehicle.place[:, 1])
+    to_circle = wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent
+    heading[_FRONT] = np.arctan2(wheelbase * tangent, to_circle)
+    return heading
 
 
 def _moment(places: FloatArray, forces: FloatArray) -> float:

@@ -151,5 +151,7 @@ def _check(row: Row, measured: Measured) -> Check:
     if measured.figure is None:
         return Check(name, None, "", "", -math.inf, math.inf, "", measured.note)
     low, high, text = row.band(measured.law)
-    figure, note, chart = float(measured.figure), measured.note, measured.chart
+    figure = float(measured.figure)
+    note = measured.note
+    chart = measured.chart
     return Check(name, figure, row.unit, text, low, high, row.source, note, chart)

@@ -51,9 +51,12 @@ def tyre_mesh(
     radius: float, width: float, section_height: float
 ) -> tuple[FloatArray, NDArray[np.int32]]:
     """Return vertices (n, 3) [m] and faces (m, 3) of a tyre around y, closed, arrows forward."""
-    rim, half = radius - section_height, 0.5 * width
+    rim = radius - section_height
+    half = 0.5 * width
     lug = 0.16 * section_height
-    across = np.array([-1.0, -0.8, -0.55, -0.3, -0.05, 0.05, 0.3, 0.55, 0.8, 1.0])  # tread
+    across = np.array(
+        [-1.0, -0.8, -0.55, -0.3, -0.05, 0.05, 0.3, 0.55, 0.8, 1.0]
+    )  # profile across the tread
     crown = radius - 0.06 * section_height * across**2
     # profile (y, r) once around the section: rim, sidewall, tread, sidewall, rim
     y = np.concatenate([[-0.7, -1.0], 0.95 * across, [1.0, 0.7]]) * half
@@ -64,11 +67,13 @@ def tyre_mesh(
     phase = (_LUGS * angle[:, None] / (2.0 * math.pi) + turn) % 1.0  # (around, tread)
     ring = np.tile(r, (_AROUND, 1))  # (around, profile)
     ring[:, 2:-2] -= np.where(phase < 0.5, 0.0, lug)
-    x, z = ring * np.sin(angle)[:, None], ring * np.cos(angle)[:, None]
+    x = ring * np.sin(angle)[:, None]
+    z = ring * np.cos(angle)[:, None]
     vertices = np.stack([x, np.broadcast_to(y, ring.shape), z], axis=-1).reshape(-1, 3)
     n = y.size
     here = np.arange(_AROUND)[:, None] * n + np.arange(n)  # (around, profile)
-    ahead, beside = np.roll(here, -1, axis=0), np.roll(here, -1, axis=1)
+    ahead = np.roll(here, -1, axis=0)
+    beside = np.roll(here, -1, axis=1)
     corner = np.roll(ahead, -1, axis=1)
     corners = (here, ahead, beside), (beside, ahead, corner)
     faces = [np.stack(each, axis=-1).reshape(-1, 3) for each in corners]
@@ -78,7 +83,8 @@ def tyre_mesh(
 def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArray) -> None:
     """Paint light, height and strength of the ground into its texture: a plain one looks flat."""
     texture = model.texture("ground")
-    columns, rows = texture.width[0], texture.height[0]
+    columns = texture.width[0]
+    rows = texture.height[0]
     colours = ground_colours(terrain, cone_indices, rows, columns)
     # the first row of a texture lies at the far side of a height field
     texture.data[:] = (255.0 * colours[::-1]).astype(np.uint8)
@@ -92,7 +98,8 @@ def ground_colours(
     y = terrain.origin[1] + terrain.size_m[1] * np.arange(rows) / (rows - 1)
     height = terrain.height(x, y[:, None])  # (rows, columns)
     slope_y, slope_x = np.gradient(height, y[1] - y[0], x[1] - x[0])
-    slope_x, slope_y = slope_x - slope_x.mean(), slope_y - slope_y.mean()
+    slope_x = slope_x - slope_x.mean()
+    slope_y = slope_y - slope_y.mean()
     # light from the north-west, steepened until the roughest tenth spans the range
     shade = slope_x - slope_y
     shade = np.clip(shade / max(4.0 * float(shade.std()), 0.05), -1.0, 1.0)
@@ -102,5 +109,7 @@ def ground_colours(
     strengths = Image.fromarray(np.log(cone_indices).astype(np.float32))
     strength = np.asarray(strengths.resize((columns, rows), Image.Resampling.BILINEAR))
     colour = np.stack([np.interp(strength, _STRENGTHS, part) for part in _COLOURS.T], axis=-1)
-    grain = np.random.default_rng(0).normal(0.0, 0.04, (rows, columns))  # blades of grass
+    grain = np.random.default_rng(0).normal(
+        0.0, 0.04, (rows, columns)
+    )  # noise that looks like grass
     return np.clip(colour * (1.0 + 0.28 * shade + grain)[..., None], 0.0, 1.0)

@@ -28,16 +28,16 @@ from .vehicle import GRAVITY, AxleLoads, PlantVehicle, Steering
 # reaches it; assumed. The torque is far above that of the tyres, so that the ground does not steer.
 # The lever is the wheel's radius in front and the trailer's length behind.
 _FRONT_TORQUE: Final = 3.6
-_FRONT_GIVE: Final = 0.15  # [rad]
+_FRONT_DEFLECTION: Final = 0.15  # [rad]
 _TRAILER_TORQUE: Final = 1.4
-_TRAILER_GIVE: Final = 0.08  # [rad]
+_TRAILER_DEFLECTION: Final = 0.08  # [rad]
 # Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
 # implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
 _LINKAGE_TIME: Final = 1e-3  # [s]
 # Largest torque of the drive over the largest that the rear wheels transmit: the wheels slip before
 # the drive stalls. And its loss of speed under that torque, by leakage, over the top wheel speed.
-_DRIVE_TORQUE: Final = 1.4  # assumed
-_DRIVE_DROOP: Final = 0.034  # assumed
+_DRIVE_TORQUE: Final = 1.4  # assumed, see above
+_DRIVE_DROOP: Final = 0.034  # assumed, see above
 _FIRM_KPA: Final = SoilMap.named("hard").background
 _DRIVEN: Final = np.array([wheel.startswith("rear") for wheel in WHEELS])
 
@@ -51,14 +51,17 @@ def put_servos(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None
     """
     loads = AxleLoads.of(_empty(vehicle))
     front = _FRONT_TORQUE * loads.front * vehicle.front_wheel.radius_m
-    damping = _put_steering(spec.actuator("steer"), vehicle.front_steering, front, _FRONT_GIVE)
+    damping = _put_steering(
+        spec.actuator("steer"), vehicle.front_steering, front, _FRONT_DEFLECTION
+    )
     spec.joint("steer").armature = _LINKAGE_TIME * damping  # [kg m^2]
     trailer = _TRAILER_TORQUE * loads.trailer * vehicle.trailer.length_m
-    _put_steering(spec.actuator("rj2"), vehicle.trailer_steering, trailer, _TRAILER_GIVE)
+    _put_steering(spec.actuator("rj2"), vehicle.trailer_steering, trailer, _TRAILER_DEFLECTION)
     lag, wheel_speed, damping, torque = drive_servo(vehicle, law)
     hydrostat = spec.actuator("hydrostat")
     hydrostat.dynprm[0] = lag
-    hydrostat.gainprm[0], hydrostat.biasprm[2] = damping * wheel_speed, -damping
+    hydrostat.gainprm[0] = damping * wheel_speed
+    hydrostat.biasprm[2] = -damping
     hydrostat.forcerange = [-torque, torque]
 
 
@@ -67,10 +70,12 @@ def _put_steering(
 ) -> float:
     """Put a servo with the largest `torque` [N m]; return its damping [N m s/rad]."""
     stiffness = torque / give  # [N m/rad]
-    damping, limit = stiffness * steering.lag_s, math.radians(steering.limit_deg)
+    damping = stiffness * steering.lag_s
+    limit = math.radians(steering.limit_deg)
     actuator.dyntype = mujoco.mjtDyn.mjDYN_PID
     actuator.dynprm[1] = math.radians(steering.rate_degps)
-    actuator.biasprm[1], actuator.biasprm[2] = -stiffness, -damping
+    actuator.biasprm[1] = -stiffness
+    actuator.biasprm[2] = -damping
     actuator.ctrlrange = [-limit, limit]
     actuator.forcerange = [-torque, torque]
     return damping
@@ -90,9 +95,11 @@ def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> tuple[float, float, floa
     traction equation at small slip (on average over a step v = K / 2). The wheels lag behind the
     servo by m r^2 / damping. The rest of tau is the lag of the valve.
     """
-    empty, tyres = _empty(vehicle), tyres_of(vehicle)
+    empty = _empty(vehicle)
+    tyres = tyres_of(vehicle)
     load = wheel_loads(empty)  # (6,)
-    radius, gain = vehicle.rear_wheel.radius_m, vehicle.hydrostat.speed_gain_mps
+    radius = vehicle.rear_wheel.radius_m
+    gain = vehicle.hydrostat.speed_gain_mps
     law = law.of(tyres.radial)
     bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), _FIRM_KPA))
     slope = (load * law.traction_slip * law.largest_traction_ratio(bn))[_DRIVEN].sum()  # [N]
@@ -130,7 +137,8 @@ def equilibrium_slip(
     largest = max(np.linspace(0.0, 0.9, 91), key=surplus)  # resistance grows with slip, too
     if surplus(largest) <= 0.0:
         raise InvalidPlant(f"the vehicle cannot move itself on soil of {cone_index:g} kPa")
-    low, high = 0.0, float(largest)
+    low = 0.0
+    high = float(largest)
     for _ in range(50):  # bisection: scipy.optimize would take 16 MB of every worker
         middle = 0.5 * (low + high)
         low, high = (middle, high) if surplus(middle) < 0.0 else (low, middle)

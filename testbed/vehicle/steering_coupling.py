@@ -22,6 +22,8 @@ import numpy as np
 from ttempc.jit import cached_njit, record
 from ttempc.types import FloatArray
 
+from ..kernel_options import KERNEL
+
 COUPLING_S: Final = 0.004
 """T, the longest physics step."""
 
@@ -78,7 +80,7 @@ def _coupled_pairs(model: mujoco.MjModel) -> FloatArray:
     return np.array(rows).reshape(-1, len(COUPLED_PAIR.names or ()))
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def couple_joints(coupling: Coupling) -> None:
     """Add the torques of all couplings to the passive forces."""
     for row in range(coupling.pairs.shape[0]):

@@ -59,7 +59,7 @@ class FrontAxle:
     """The steered axle, which pivots in roll; its mass is without the wheels."""
 
     track_m: Positive  # between the centres of the front tyres, wheels straight
-    kingpin_track_m: Positive  # between the kingpins
+    kingpin_track_m: Positive  # distance between the kingpins
     mass_kg: Positive
     pivot_limit_deg: AngleDeg
 
@@ -69,8 +69,8 @@ class Wheel:
     """One of a pair of wheels; `testbed.wheels.tyre.Tyres` uses the numbers."""
 
     size: str  # as printed on the tyre
-    radius_m: Positive  # unloaded
-    width_m: Positive  # of the section
+    radius_m: Positive  # of the unloaded tyre
+    width_m: Positive  # of the tyre's section
     section_height_m: Positive
     relative_deflection: Annotated[float, Field(gt=0, lt=0.5)]  # at the rated load
     rated_load_n: Positive
@@ -125,7 +125,7 @@ class Load:
     """Load in the box, in addition to the trailer's mass."""
 
     mass_kg: NotNegative
-    height_m: Positive  # of the centre
+    height_m: Positive  # of the centre of mass
     forward_m: PlaceM  # centre ahead of the trailer axle
 
 
@@ -214,8 +214,11 @@ class AxleLoads:
     @classmethod
     def of(cls, vehicle: PlantVehicle) -> AxleLoads:
         """Return the static loads of a vehicle with its load."""
-        tractor, drawbar, trailer = vehicle.tractor, vehicle.drawbar, vehicle.trailer
-        load, reach = vehicle.load, drawbar.length_m + trailer.length_m
+        tractor = vehicle.tractor
+        drawbar = vehicle.drawbar
+        trailer = vehicle.trailer
+        load = vehicle.load
+        reach = drawbar.length_m + trailer.length_m
         # drawbar and trailer are one beam in pitch: moments about the trailer axle, then about
         # the rear axle of the tractor
         ahead = (
@@ -241,8 +244,17 @@ def knuckle_angle(delta: FloatArray, wheelbase: float, kingpin_y: float) -> Floa
 
 
 def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
-    tractor, axle, trailer = vehicle.tractor, vehicle.front_axle, vehicle.trailer
-    hitch, box, load, behind = vehicle.hitch, vehicle.box, vehicle.load, vehicle.trailer_behind_m
+    """Yield the key and the problem of every impossible number."""
+    yield from _problems_of_parts(vehicle)
+    yield from _problems_between_parts(vehicle)
+
+
+def _problems_of_parts(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    """Yield key and problem of wheels, masses and axle loads."""
+    tractor = vehicle.tractor
+    axle = vehicle.front_axle
+    trailer = vehicle.trailer
+    behind = vehicle.trailer_behind_m
     front, rear, towed = vehicle.wheels.values()
     for pair, wheel in vehicle.wheels.items():
         if wheel.section_height_m >= wheel.radius_m:
@@ -274,7 +286,8 @@ def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
         if inertia is not None and 2.0 * max(inertia) > sum(inertia):
             reason = "no body has one moment of inertia above the sum of the others"
             yield f"{name}.chassis_inertia_kgm2", reason
-    loads, places = AxleLoads.of(vehicle), "trailer.centre_forward_m, load.forward_m"
+    loads = AxleLoads.of(vehicle)
+    places = "trailer.centre_forward_m, load.forward_m"
     if loads.pin < 0.0:
         yield places, f"the trailer tips backwards, it lifts the hitch with {-loads.pin:.0f} N"
     if loads.trailer <= 0.0:
@@ -284,6 +297,19 @@ def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
         if carried < least:
             reason = f"{carried:.0f} N with the trailer hitched, must be at least {least:.0f} N"
             yield "tractor.centre_forward_m", f"the {name} axle carries {reason}"
+
+
+def _problems_between_parts(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    """Yield key and problem of parts that touch each other."""
+    tractor = vehicle.tractor
+    axle = vehicle.front_axle
+    trailer = vehicle.trailer
+    hitch = vehicle.hitch
+    box = vehicle.box
+    load = vehicle.load
+    behind = vehicle.trailer_behind_m
+    front, rear, towed = vehicle.wheels.values()
+
     # the inner wheel at the steering limit
     kingpin = 0.5 * axle.kingpin_track_m
     angle = np.radians(vehicle.front_steering.limit_deg)
@@ -309,7 +335,8 @@ def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
     if hitch.yaw_limit_deg >= largest:
         reason = f"the drawbar meets the rear wheels at {largest:.0f} deg"
         yield "hitch.yaw_limit_deg", f"hitched {hitch.offset_m} m behind the axle {reason}"
-    between, top = trailer.track_m - towed.width_m, 2.0 * towed.radius_m
+    between = trailer.track_m - towed.width_m
+    top = 2.0 * towed.radius_m
     if box.floor_m <= top and box.width_m > between:
         reason = f"must be above {top} or the box narrower than {between:.3f} m"
         yield "box.floor_m", f"the wheels reach through the floor, {reason}"

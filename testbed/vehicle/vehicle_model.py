@@ -140,14 +140,19 @@ class _Ratios:
     """Lengths of the vehicle over those of the MJCF, which `spec` has before it is scaled."""
 
     def __init__(self, spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-        tractor, axle, box = vehicle.tractor, vehicle.front_axle, vehicle.box
+        tractor = vehicle.tractor
+        axle = vehicle.front_axle
+        box = vehicle.box
         rear_radius, rear_half = spec.geom("rear_left_tyre").size[:2]
-        rear_y, kingpin_y = spec.body("rear_left").pos[1], spec.body("knuckle_left").pos[1]
+        rear_y = spec.body("rear_left").pos[1]
+        kingpin_y = spec.body("knuckle_left").pos[1]
         box_x, box_y, box_z = spec.geom("box").size
         self.wheelbase = tractor.wheelbase_m / spec.body("front_axle").pos[0]
-        self.engine = 0.5 * tractor.engine_width_m / spec.geom("engine").size[1]  # width
+        self.engine = (
+            0.5 * tractor.engine_width_m / spec.geom("engine").size[1]
+        )  # scale of the width
         self.rear = vehicle.rear_wheel.radius_m / rear_radius
-        between = tractor.rear_track_m - vehicle.rear_wheel.width_m  # the rear tyres
+        between = tractor.rear_track_m - vehicle.rear_wheel.width_m  # space between the rear tyres
         self.inside = 0.5 * between / (rear_y - rear_half)
         self.kingpins = 0.5 * axle.kingpin_track_m / kingpin_y
         self.front = vehicle.front_wheel.radius_m / spec.geom("front_left_tyre").size[0]
@@ -161,7 +166,9 @@ class _Ratios:
 
 
 def _fit_tractor(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> None:
-    tractor, hitch, wheel = vehicle.tractor, vehicle.hitch, vehicle.rear_wheel
+    tractor = vehicle.tractor
+    hitch = vehicle.hitch
+    wheel = vehicle.rear_wheel
     spec.body("tractor").pos = [0.0, 0.0, wheel.radius_m]
     hitch_z = hitch.height_m - wheel.radius_m
     deck = _frame(spec, "cab").pos[2] * by.rear
@@ -182,7 +189,8 @@ def _fit_tractor(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> Non
 
 
 def _fit_front_axle(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> None:
-    axle, wheel = vehicle.front_axle, vehicle.front_wheel
+    axle = vehicle.front_axle
+    wheel = vehicle.front_wheel
     z = wheel.radius_m - vehicle.rear_wheel.radius_m
     spec.body("front_axle").pos = [vehicle.tractor.wheelbase_m, 0.0, z]
     beam = (by.front, by.kingpins, by.front)
@@ -199,8 +207,11 @@ def _fit_front_axle(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> 
 
 
 def _fit_trailer(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> None:
-    hitch, trailer, box = vehicle.hitch, vehicle.trailer, vehicle.box
-    wheel, length = vehicle.trailer_wheel, vehicle.drawbar.length_m
+    hitch = vehicle.hitch
+    trailer = vehicle.trailer
+    box = vehicle.box
+    wheel = vehicle.trailer_wheel
+    length = vehicle.drawbar.length_m
     spec.body("drawbar").pos = spec.site("rj1").pos
     stout = by.box[1]
     _fit_frame(spec, "a_frame", (by.drawbar, stout, stout), (0.0, 0.0, 0.0))
@@ -221,7 +232,8 @@ def _fit_trailer(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> Non
 
 def _fit_wheel(spec: mujoco.MjSpec, name: str, y: float, radius: float, width: float) -> None:
     mjcf_radius, mjcf_half_width = spec.geom(f"{name}_tyre").size[:2]
-    around, across = radius / mjcf_radius, 0.5 * width / mjcf_half_width
+    around = radius / mjcf_radius
+    across = 0.5 * width / mjcf_half_width
     body = spec.body(name)
     body.pos[1] = y
     _scale_shapes(body.geoms, (around, across, around))
@@ -283,7 +295,8 @@ def _set_inertials(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
         moments = masses @ (data.xipos[ids] - data.xpos[model.body(body).id])  # (3,) [kg m]
         mass = whole.mass_kg - float(masses.sum())
         centre = np.array([whole.centre_forward_m, 0.0, whole.centre_height_m - wheel.radius_m])
-        centre, inertia = (whole.mass_kg * centre - moments) / mass, whole.chassis_inertia_kgm2
+        centre = (whole.mass_kg * centre - moments) / mass
+        inertia = whole.chassis_inertia_kgm2
         _set_inertial(spec.body(body), model.body(body), mass, centre, inertia)
     middle = np.array([-0.5 * vehicle.drawbar.length_m, 0.0, 0.0])
     drawbar = spec.body("drawbar"), model.body("drawbar")
@@ -306,7 +319,9 @@ def _set_inertial(
     inertia: tuple[float, float, float] | None = None,
 ) -> None:
     """Set the inertial of a body; the default inertia [kg m^2] is that of its shapes, scaled."""
-    body.explicitinertial, body.mass, body.ipos = True, mass, centre
+    body.explicitinertial = True
+    body.mass = mass
+    body.ipos = centre
     body.iquat = [1.0, 0.0, 0.0, 0.0] if inertia else from_shapes.iquat
     body.inertia = inertia or from_shapes.inertia * mass / float(from_shapes.mass[0])
 
@@ -338,10 +353,12 @@ def _put_load(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     It is as thick as grain, but its underside does not reach through the floor: the load is
     denser where its centre is too low for that. It touches nothing.
     """
-    load, box = vehicle.load, vehicle.box
+    load = vehicle.load
+    box = vehicle.box
     if load.mass_kg == 0.0:
         return
-    half_x, half_y = 0.5 * _LOAD_SPREAD[0] * box.length_m, 0.5 * _LOAD_SPREAD[1] * box.width_m
+    half_x = 0.5 * _LOAD_SPREAD[0] * box.length_m
+    half_y = 0.5 * _LOAD_SPREAD[1] * box.width_m
     half_z = load.mass_kg / _LOAD_DENSITY / (8.0 * half_x * half_y)
     half_z = min(half_z, load.height_m - box.floor_m)
     above_axle = load.height_m - vehicle.trailer_wheel.radius_m

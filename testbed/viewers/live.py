@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client, ServerListener
 
 HOST: Final = "127.0.0.1"  # of this machine only
-DEFAULT_PORT: Final = 8765  # Foxglove's default
+DEFAULT_PORT: Final = 8765  # the default of Foxglove's own bridges
 PROTOCOL: Final = "foxglove.sdk.v1"
 """WebSocket subprotocol, the only one: a viewer that speaks `foxglove.websocket.v1` is refused."""
 
@@ -211,15 +211,17 @@ class _OriginGate:
     """
 
     def __init__(self, listener: socket.socket, inner_port: int) -> None:
-        self._listener, self._inner_port = listener, inner_port
+        self._listener = listener
+        self._inner_port = inner_port
         self._runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
-        self._loop, self._end = self._runner.get_loop(), asyncio.Event()
+        self._loop = self._runner.get_loop()
+        self._end = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="origin gate", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Close all connections."""
-        with contextlib.suppress(RuntimeError):  # closed already
+        with contextlib.suppress(RuntimeError):  # the loop may be closed already
             self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join()
 

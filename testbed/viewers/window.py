@@ -39,7 +39,8 @@ class Window(Sink):
                 "view: no screen (neither DISPLAY nor WAYLAND_DISPLAY is set); "
                 "`ttempc run --live` serves the run to a viewer elsewhere"
             )
-        self._plant, self._speed = plant, speed
+        self._plant = plant
+        self._speed = speed
         self._model = plant.drawn_model()
         self._data = mujoco.MjData(self._model)
         try:

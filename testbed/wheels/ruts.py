@@ -23,6 +23,7 @@ from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
 from ..ground.surface import Grid, grid_cell
+from ..kernel_options import INLINED, KERNEL
 from ..vectors import Vector
 from . import tyre
 
@@ -59,7 +60,7 @@ class Ruts(NamedTuple):
         return cls(firm, np.empty((0, 0)), np.empty(0), np.empty(0))
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def roll_rut(
     ruts: Ruts,
     grid: Grid,
@@ -104,7 +105,7 @@ def roll_rut(
     return 1.0 + ruts.excess[wheel]
 
 
-@cached_njit(error_model="numpy", boundscheck=False)
+@cached_njit(**KERNEL)
 def press(
     ruts: Ruts,
     grid: Grid,
@@ -148,7 +149,7 @@ def press(
     return work * grid.spacing**2 / (travel * (width + _EDGES * grid.spacing))
 
 
-@cached_njit(error_model="numpy", boundscheck=False, inline="always")
+@cached_njit(**INLINED)
 def _sinkage_work(depth: float) -> float:
     """Return the work of sinkage to a depth, over that to z_1; below, the pressure is that at z_1.
 
@@ -159,7 +160,7 @@ def _sinkage_work(depth: float) -> float:
     return virgin ** (_EXPONENT + 1.0) + (_EXPONENT + 1.0) * (depth - virgin)
 
 
-@cached_njit(error_model="numpy", boundscheck=False, inline="always")
+@cached_njit(**INLINED)
 def sinkage_of(half_length: float, resistance_bn: float, bn: float) -> float:
     """Return z_1, the sinkage on new soil [m].
 

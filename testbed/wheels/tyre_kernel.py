@@ -29,6 +29,7 @@ from ttempc.types import FloatArray
 
 from ..bodies import LEFT, Bodies, apply_wrench, axis_of, row_vector, velocity_of
 from ..ground.surface import Surface, grid_cell, ground_below
+from ..kernel_options import INLINED, KERNEL
 from ..truth import Wheels
 from ..vectors import VERTICAL, ZERO, Vector, add, cross, dot, norm, scale
 from . import tyre
@@ -52,8 +53,8 @@ _SMALL_SPEED: Final = tyre.SMALL_SPEED
 _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
 _PA_PER_KPA: Final = 1e3
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST)
-_inlined = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+_kernel = cached_njit(**KERNEL, fastmath=FAST)
+_inlined = cached_njit(**INLINED, fastmath=FAST)
 
 
 class WheelSet(NamedTuple):
@@ -110,7 +111,7 @@ def _disc_axes(axle: Vector) -> tuple[Vector, Vector, float]:
     return up, cross(axle, up), upright
 
 
-@_kernel
+@_inlined
 def _contact_patch(
     surface: Surface,
     centre: Vector,
@@ -186,7 +187,7 @@ def _contact_patch(
     return depth, gradient, (moment_u * grid.spacing, moment_v * grid.spacing, moment_z)
 
 
-@_kernel
+@_inlined
 def _normal_contact(
     surface: Surface,
     tyre: Any,  # noqa: ANN401 - a record `TYRE`
@@ -245,7 +246,7 @@ def _relaxed(
     return following, _clip((following + damping * rate) / length, 1.0)
 
 
-@_kernel
+@_inlined
 def _deflect_tread(
     tread: Any,  # noqa: ANN401 - a record `TREAD`
     soil: Any,  # noqa: ANN401 - a record `SOIL`
@@ -324,7 +325,7 @@ def _soil_ratios(
     return Ratios(traction - resistance * slips.rolling, side, torque)
 
 
-@_kernel
+@_inlined
 def _step_wheel(wheels: WheelSet, wheel: int) -> None:
     """Advance the tread of one wheel by a time step and write the wrench of the ground on it."""
     soil = record(wheels.law[wheel], SOIL)

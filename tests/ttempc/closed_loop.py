@@ -50,7 +50,7 @@ class Supervised(Supervisor):
         rows = np.array([[alarm.reaction, 0.0, 0.0, 0.0] for alarm in alarms]).reshape(-1, ALARM)
         row = None if estimate is None else estimate_row(estimate)
         if self.decide(row, k, k * PERIOD_S if time_s is None else time_s, rows):
-            self.ask(row, k, lambda: estimate)
+            self.compute_command(row, k, lambda: estimate)
         command = self.finish()
         return ControlStep(Command(*command.tolist()), self.diagnostics())
 

@@ -13,7 +13,6 @@ from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.guidance.controllers import make_controller
 from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
-    LENGTH,
     SIZE,
     STATES,
     AugmentedState,
@@ -22,6 +21,7 @@ from ttempc.models.augmented_state import (
 )
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.sensors import STARTING_SENSORS
 from ttempc.types import Command, Estimate, Estimator, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -29,7 +29,7 @@ PERIOD_S = 0.2
 SUBSTEPS = 20  # of 10 ms
 FAST_EVERY = 4  # substeps between samples of the 25 Hz sensors
 GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
-FAST = tuple(sensor for sensor in LENGTH if sensor not in GNSS)
+FAST = tuple(sensor for sensor in STARTING_SENSORS if sensor not in GNSS)
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
 
@@ -55,8 +55,8 @@ class SensedDrive:
         controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
         augmented, command = np.zeros(SIZE), None
         augmented[:STATES] = REFERENCE.at(0.0).state
-        self._valves = augmented[AugmentedState.DELTA_T : AugmentedState.RIM].copy()
-        measurements = self._sample(augmented, 0.0, tuple(LENGTH))
+        self._valves = augmented[AugmentedState.DELTA_T : AugmentedState.WHEEL_SPEED].copy()
+        measurements = self._sample(augmented, 0.0, STARTING_SENSORS)
         for k in range(ticks):
             if self.corrupt:
                 measurements = self.corrupt(measurements)

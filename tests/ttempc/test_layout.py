@@ -5,7 +5,7 @@ import pytest
 
 from ttempc.errors import InvalidSamples
 from ttempc.layout import SAMPLE, measurements_of, sample_rows
-from ttempc.models.augmented_state import LENGTH, SensorIndex
+from ttempc.sensors import ROW_OF, SensorIndex
 from ttempc.types import Measurement, Sensor
 
 
@@ -14,7 +14,7 @@ def test_rows_of_samples_bear_the_numbers_of_the_kernels_and_give_the_samples_ba
         Measurement(
             0.1 * k,
             sensor,
-            tuple(k + 0.25 * i for i in range(LENGTH.get(sensor, 3))),
+            tuple(k + 0.25 * i for i in range(ROW_OF[sensor].length)),
             status=2 if sensor is Sensor.GNSS_TRAILER else 0,
         )
         for k, sensor in enumerate(Sensor)

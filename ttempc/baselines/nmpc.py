@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from ..errors import check_choice, check_count
-from ..laws.articulated_mpc import MpcOptions
+from ..laws.options import MpcOptions
 from ..laws.tracking_controller import (
     ExactCourse,
     FeedbackLaw,
@@ -24,7 +24,12 @@ from ..laws.tracking_controller import (
     write_report,
 )
 from ..layout import ESTIMATE, TICK
-from ..mpc.articulated_error import PredictedPath, map_gains, remaining_bounds, write_error
+from ..mpc.articulated_error import (
+    PredictedPath,
+    map_gains,
+    remaining_bounds,
+    write_reference_error,
+)
 from ..mpc.lmpc import Solver, move_bounds
 from ..reference.reference import GUIDED, Guided, Reference, guided
 from ..types import (
@@ -147,7 +152,7 @@ class NonlinearFeedback(FeedbackLaw):
         horizon = self._tuning.horizon
         course = self._course
         error = np.empty(_ERRORS)
-        write_error(course.grid.state[k], row, *self._constants, error)
+        write_reference_error(course.grid.state[k], row, *self._constants, error)
         task = Task(
             k=k,
             state=row[_STATE],

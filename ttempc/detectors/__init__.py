@@ -3,7 +3,8 @@
 - `interface`: what a detector is, also one of a user's; reactions of the supervisor.
 - `table`: name, limit, reaction, excluded sensors and words of each built-in detector.
 - `readings`, `motion`, `steering`, `innovations`, `hitch`, `position`, `drift`: the detectors. Each
-  is a function `observe_NAME` that writes its statistic to the board, with a record of its own.
+  is a function, `observe_drift` and so on, that writes its statistic to the board; its memory is a
+  record of its own.
 - `speeds`, `valve`, `standstill`: what they compare, in records of their own.
 - `history`: histories, medians and cumulative sums for all of them.
 - `board`: statistics and alarms of all; begin and end of an alarm. `exclusion`: of sensors.

@@ -1,13 +1,12 @@
 """Board of the built-in detectors: statistics, limits, alarms; begin and end of an alarm."""
 
 import math
-from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ..layout import ALARM
-from ..models.augmented_state import SensorIndex
+from ..layout import ALARM, AlarmColumn
+from ..sensors import SENSOR_COUNT
 from ..types import FloatArray
 from .history import kernel
 from .interface import Reaction
@@ -24,7 +23,7 @@ BOARD: Final = np.dtype(
         ("residual", "f8", COUNT),  # latest value of what the statistic is made from, or NaN
         ("proposed", "f8", (COUNT, ALARM)),  # alarm that each detector would give
         ("alarms", "f8", (COUNT, ALARM)),  # that stand, see `ttempc.layout.ALARM`
-        ("excluded", "f8", len(SensorIndex)),  # 1: no sample of the sensor is used
+        ("excluded", "f8", SENSOR_COUNT),  # 1: no sample of the sensor is used
     ]
 )
 """Values of all detectors by `DetectorIndex`. Detectors read the alarms of the tick before."""
@@ -34,36 +33,6 @@ NO_ALARM: Final = -1.0
 """Entry of an alarm in place of a reaction."""
 ENDS: Final = 0.5
 """Share of its limit below which a statistic ends an alarm."""
-
-
-class AlarmColumn(IntEnum):
-    """Column of an alarm, see `ttempc.layout.ALARM`."""
-
-    REACTION = 0
-    FIRST = 1  # of three numbers, of which the table makes words
-    SECOND = 2
-    THIRD = 3
-
-
-class SampleColumn(IntEnum):
-    """Column of a sample, see `ttempc.layout.SAMPLE`."""
-
-    TIME_S = 0
-    SENSOR = 1
-    FIRST = 2  # of three components
-    SECOND = 3
-    THIRD = 4  # of a position: its status
-
-
-class InnovationColumn(IntEnum):
-    """Column of an innovation, see `ttempc.layout.INNOVATION`."""
-
-    SENSOR = 0
-    NORMALISED_SQUARED = 1
-    DIMENSION = 2  # 0: there is none of this sample
-    ACCEPTED = 3
-    WHITENED_FIRST = 4
-    LOG_DETERMINANT = 6
 
 
 class TickData(NamedTuple):

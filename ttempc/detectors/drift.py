@@ -5,8 +5,9 @@ from typing import Final
 
 import numpy as np
 
+from ..layout import AlarmColumn
 from ..types import Disturbance, FloatArray, MapDisturbance, State
-from .board import AlarmColumn, Record, TickData, stands
+from .board import Record, TickData, stands
 from .history import kernel
 from .standstill import check_standstill
 from .table import DetectorIndex
@@ -52,7 +53,8 @@ def new_drift() -> FloatArray:
 
 def apparent_drift(map_disturbance: FloatArray) -> FloatArray:
     """Return the drift over the speed, east and north, that a `MapDisturbance` (4,) looks like."""
-    side, climb = map_disturbance[:2], map_disturbance[2:]
+    side = map_disturbance[: MapDisturbance.CLIMB_X]
+    climb = map_disturbance[MapDisturbance.CLIMB_X :]
     return _SIDE_SHARE * side - _WHEEL_SHARE * climb
 
 

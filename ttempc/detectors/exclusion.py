@@ -1,7 +1,8 @@
 """Exclusion of sensors by the alarms of detectors."""
 
-from ..models.augmented_state import SensorIndex
-from .board import WARN, AlarmColumn, Record, stands
+from ..layout import AlarmColumn
+from ..sensors import SensorIndex
+from .board import WARN, Record, stands
 from .history import kernel
 from .position import excludes_gnss
 from .table import DetectorIndex

@@ -5,9 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex
+from ..layout import InnovationColumn
+from ..sensors import SensorIndex
 from ..types import Disturbance, MapDisturbance, State
-from .board import InnovationColumn, Record, TickData, stands
+from .board import Record, TickData, stands
 from .history import forget, kernel, remember, sums
 from .table import DetectorIndex
 
@@ -67,7 +68,7 @@ def observe_hitch(memory: Record, board: Record, data: TickData) -> None:
             bound = _MEAN_BOUND / math.sqrt(entries) + curve
             statistic = max(statistic, abs(total) / entries / bound)
         board.residual[index] = statistic
-    if stands(board, index):  # for good
+    if stands(board, index):  # an alarm does not end by itself
         statistic = max(1.0, statistic)
     board.statistic[index] = statistic
 
@@ -107,7 +108,7 @@ def _others_agree(board: Record, data: TickData) -> bool:
     for row in range(len(data.innovations)):
         innovation = data.innovations[row]
         sensor = int(innovation[InnovationColumn.SENSOR])
-        if SensorIndex.STEERING_TRACTOR <= sensor <= SensorIndex.STEERING_TRAILER:
+        if sensor == SensorIndex.STEERING_TRACTOR or sensor == SensorIndex.STEERING_TRAILER:
             none = innovation[InnovationColumn.DIMENSION] == 0.0
             agree = agree and (none or innovation[InnovationColumn.ACCEPTED] > 0.0)
     return agree

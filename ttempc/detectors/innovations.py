@@ -5,7 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from .board import InnovationColumn, Record, TickData
+from ..layout import InnovationColumn
+from .board import Record, TickData
 from .history import kernel, remember, sums
 
 _ENTRIES: Final = 102  # of a second: control at 100 Hz

@@ -13,7 +13,7 @@ class Reaction(IntEnum):
     """Reaction of the supervisor to an alarm, the mildest first."""
 
     WARN = 0  # the reason is reported, the vehicle drives on
-    SLOW = 1  # half speed
+    SLOW = 1  # the vehicle drives on at half speed
     STOP_ON_PATH = 2  # stop, and steer along the path for as long as the vehicle rolls
     STOP = 3  # stop and hold the steering
 
@@ -26,7 +26,7 @@ class Observation:
     samples: Sequence[Measurement]  # that arrived since the tick before, of sensors that work
     command: Command | None  # of the period before; None at the first tick
     estimate: Estimate
-    vehicle: Vehicle  # present model parameters
+    vehicle: Vehicle  # model parameters, those that were learnt included
 
     def of(self, sensor: Sensor) -> Sequence[Measurement]:
         """Return the samples of one sensor in the order of arrival."""
@@ -37,7 +37,7 @@ class Observation:
 class Alarm:
     """Statement of a detector that something is wrong."""
 
-    detector: str  # its name
+    detector: str  # name of the detector
     reason: str  # for log and driver
     reaction: Reaction
     unused: frozenset[Sensor] = frozenset()  # sensors whose samples are not to be used

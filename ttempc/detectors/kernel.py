@@ -6,7 +6,7 @@ import numpy as np
 
 from ..jit import record
 from ..layout import ESTIMATE
-from ..models.augmented_state import SensorIndex
+from ..sensors import SensorIndex
 from ..types import FloatArray
 from .board import BOARD, Record, TickData, latch_alarms, new_board
 from .drift import DRIFT, new_drift, observe_drift
@@ -32,12 +32,12 @@ from .steering import observe_standstill, observe_steering
 from .table import DetectorIndex
 from .valve import VALVE, compare_valve, new_valve
 
-_JUDGED: Final = int(SensorIndex.IMU_TRACTOR)  # sensors whose readings are judged, the first ones
+_JUDGED: Final = int(DetectorIndex.STEERING_FRONT)  # sensors with a detector of their readings
 
 DETECTORS: Final = np.dtype(
     [
         ("board", BOARD),
-        ("readings", READINGS, _JUDGED),  # by `SensorIndex`
+        ("readings", READINGS, _JUDGED),  # of each sensor by `SensorIndex`
         ("speeds", SPEEDS),
         ("motion", SPEED_SUMS),
         ("wheels", SPEED_SUMS),
@@ -46,7 +46,7 @@ DETECTORS: Final = np.dtype(
         ("position", POSITION),
         ("drift", DRIFT),
         ("standstill", STANDSTILL),
-        ("valves", VALVE, 2),  # front, trailer
+        ("valves", VALVE, 2),  # of front steering and trailer steering
         ("innovations", INNOVATIONS, 4),  # GNSS of tractor and trailer, hitch, encoder
     ]
 )

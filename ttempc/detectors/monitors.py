@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ..errors import InvalidTuning
-from ..layout import ALARM, ESTIMATE, INNOVATION, SAMPLE, measurements_of
+from ..layout import ALARM, ESTIMATE, INNOVATION, SAMPLE, AlarmColumn, measurements_of
 from ..models.augmented_state import vehicle_parameters
 from ..suggestion import did_you_mean
 from ..types import Command, Estimate, FloatArray, Sensor, WarmingUp
 from ..vehicle import Vehicle
-from .board import ENDS, NO_ALARM, AlarmColumn
+from .board import ENDS, NO_ALARM
 from .drift import apparent_drift
 from .interface import Alarm, Detector, Observation, Reaction
 from .kernel import DETECTORS, new_detectors, observe_detectors
@@ -76,21 +76,28 @@ class Monitors:
     def __init__(self, detect: Detect = True) -> None:
         built_in, self._own = chosen(detect)
         self._count = COUNT if built_in else 0
-        self.record = new_detectors()  # `DETECTORS`
+        self.record = (
+            new_detectors()
+        )  # flat record `DETECTORS`: all that the built-in ones remember
         self._own_alarms = np.zeros((len(self._own), ALARM))
         self._own_alarms[:, AlarmColumn.REACTION] = NO_ALARM
         self._said: dict[int, Alarm] = {}  # by the user's detectors, by row
-        self._vehicle: Vehicle | None = None  # of the parameters
+        self._vehicle: Vehicle | None = None  # that `_parameters` belong to
         self._parameters = np.empty(0)  # in the order of `VehicleParameter`
         for index in DetectorIndex:
             self._board["enabled"][index] = index in built_in
 
     def warm_up(self) -> None:
         """Compile or load what `observe` needs; changes no later result."""
-        parameters, state = vehicle_parameters(Vehicle()), self.record.copy()
-        rows, innovations = np.empty((0, SAMPLE)), np.empty((0, INNOVATION))
-        command, estimate = np.full(3, math.nan), np.zeros(ESTIMATE.itemsize // 8)
-        observe_detectors(parameters, state, rows, 0.0, command, estimate, innovations)
+        observe_detectors(
+            parameters=vehicle_parameters(Vehicle()),
+            state=self.record.copy(),
+            rows=np.empty((0, SAMPLE)),
+            now=0.0,
+            command=np.full(3, math.nan),
+            estimate=np.zeros(ESTIMATE.itemsize // 8),
+            innovations=np.empty((0, INNOVATION)),
+        )
         for detector in self._own:
             if isinstance(detector, WarmingUp):
                 detector.warm_up()

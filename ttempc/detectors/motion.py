@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from .board import WARN, AlarmColumn, Record
+from ..layout import AlarmColumn
+from .board import WARN, Record
 from .history import cusum, kernel
 from .interface import Reaction
 from .table import DetectorIndex

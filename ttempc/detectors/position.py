@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex
+from ..layout import AlarmColumn
 from ..types import Disturbance, FloatArray, State
-from .board import WARN, AlarmColumn, Record, TickData, stands
+from .board import WARN, Record, TickData, stands
 from .history import kernel
 from .hitch import SETTLED_S
 from .motion import wheels_spin
@@ -40,7 +40,7 @@ POSITION: Final = np.dtype(
 _FLAT_BOUND_M: Final = 0.25  # of the distance on ground without bumps; by hand
 _ROUGH_BOUND_M: Final = 0.12  # that a roughness of 1 adds; by hand
 _UNSTATED: Final = 3.0  # times the bound, for an estimator that states no side slip; assumed
-_MEMORY_S: Final = 10.0  # of dead reckoning
+_MEMORY_S: Final = 10.0  # in which an offset from dead reckoning fades
 _KNOWN_SD: Final = 4.0  # standard deviations of an error that the estimate has stated
 _KNOWN_M: Final = 0.2  # four standard deviations of a position that is known
 _ROUGHNESS_S: Final = 30.0  # mean of the learnt roughness
@@ -229,8 +229,8 @@ def observe_protection(memory: Record, last: Record, board: Record, data: TickDa
 
     excluded = jumped or stands(board, DetectorIndex.HITCH)
     excluded |= board.alarms[DetectorIndex.WHEELS, AlarmColumn.REACTION] == WARN
-    for sensor in range(SensorIndex.IMU_TRACTOR):
-        excluded |= stands(board, sensor)
+    for readings in range(DetectorIndex.STEERING_FRONT):
+        excluded |= stands(board, readings)
     board.statistic[index] = level if excluded and not math.isnan(level) else 0.0
     board.residual[index] = level
     board.proposed[index, AlarmColumn.FIRST] = level

@@ -5,16 +5,17 @@ from typing import Final
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex
+from ..layout import SampleColumn
+from ..sensors import SENSOR_KINDS, SensorKind
 from ..types import FloatArray
-from .board import ENDS, Record, SampleColumn, TickData, stands
+from .board import ENDS, Record, TickData, stands
 from .history import cusum, kernel
 
 NOISE: Final = np.dtype(
     [
-        ("last", "f8"),  # reading
+        ("last", "f8"),  # the latest reading of all
         ("before_last", "f8"),
-        ("second_differences", "f8"),  # their mean square
+        ("second_differences", "f8"),  # their mean square, in good health
         ("steps", "f8"),  # the mean square of the differences
         ("resolution", "f8"),  # smallest difference that is not 0
         ("learnt", "f8"),  # number of readings in the means, see `_MOST_LEARNT`
@@ -29,7 +30,7 @@ NOISE: Final = np.dtype(
 READINGS: Final = np.dtype(
     [
         ("time_s", "f8"),  # of the latest reading
-        ("reading", "f8", 3),  # its components
+        ("reading", "f8", 3),  # its components, 0 where it has fewer
         ("repeated", "f8"),  # readings in succession that equal the one before
         ("readings", "f8"),  # number of all in good health
         ("repetitions", "f8"),  # number of repetitions among them
@@ -42,7 +43,7 @@ READINGS: Final = np.dtype(
 _LEAST_READINGS: Final = 50
 _LARGEST_SHARE: Final = 1 / 500  # of repetitions among the readings of a sensor that is judged
 
-# Noise, all assumed.
+# Numbers of the judgement of the noise of an angle sensor, all assumed.
 _LOST_NOISE_SHARE: Final = 1.0 / 16.0  # of the mean square: a quarter of the usual size
 _COUNTS_BACK: Final = 4.0  # of a reading with noise
 _TIMES: Final = 4.0  # limit over the largest sum in good health
@@ -84,7 +85,7 @@ def observe_readings(memory: Record, board: Record, data: TickData, sensor: int)
         sensor: `SensorIndex`, none of an IMU.
     """
     limit = board.limit[sensor]
-    is_angle = SensorIndex.STEERING_TRACTOR <= sensor <= SensorIndex.HITCH
+    is_angle = SENSOR_KINDS[sensor] == SensorKind.ANGLE
 
     for row in range(len(data.rows)):
         sample = data.rows[row]

@@ -9,10 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from ..layout import FLOAT
-from ..models.augmented_state import SensorIndex, VehicleParameter
+from ..layout import FLOAT, SampleColumn
+from ..models.augmented_state import VehicleParameter
+from ..sensors import SENSOR_KINDS, SensorIndex, SensorKind
 from ..types import FloatArray, Input
-from .board import Record, SampleColumn, TickData
+from .board import Record, TickData
 from .history import Entry, forget, kernel, mean_in_span, median, remember
 from .standstill import add_position
 
@@ -35,9 +36,9 @@ SPEEDS: Final = np.dtype(
         # Results of a tick:
         ("known", "f8"),  # 1: there is a new speed over ground
         ("ground_mps", "f8"),  # over ground, without a sign
-        ("ground_sd_mps", "f8"),  # its standard deviation
-        ("planned_mps", "f8"),  # NaN: not known
-        ("wheels_mps", "f8"),  # NaN: not known
+        ("ground_sd_mps", "f8"),  # standard deviation of that speed
+        ("planned_mps", "f8"),  # NaN where no command acted in the span
+        ("wheels_mps", "f8"),  # NaN where there is no sample of the encoder in it
     ]
 )
 """Memory of speeds. Beyond the room of a history the spans are shorter."""
@@ -82,7 +83,8 @@ def measure_speeds(memory: Record, standstill: Record, board: Record, data: Tick
         if sensor == SensorIndex.ENCODER:
             forward = -first if data.parameters[VehicleParameter.REVERSE] else first
             remember(memory.encoder, -math.inf, time_s, forward, 0.0)
-        elif sensor <= SensorIndex.GNSS_TRAILER and _take_position(memory, sample, sensor):
+        is_position = SENSOR_KINDS[sensor] == SensorKind.POSITION
+        if is_position and _take_position(memory, sample, sensor):
             add_position(standstill, sample, sensor)
             new = True
     remember(memory.encoder, data.now - _HISTORY_S, math.nan, 0.0, 0.0)

@@ -10,10 +10,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ..models.augmented_state import SensorIndex, VehicleParameter
+from ..layout import SampleColumn
+from ..models.augmented_state import VehicleParameter
+from ..sensors import SensorIndex
 from ..types import FloatArray
 from ..vehicle import MAX_DEAD_TIME_S
-from .board import Record, SampleColumn, TickData
+from .board import Record, TickData
 from .history import Entry, cusum, kernel, remember
 from .table import DetectorIndex
 
@@ -53,7 +55,7 @@ VALVE: Final = np.dtype(
         ("changes", "f8", _CHANGES),  # ring: squares, between recent samples
         ("change_count", "f8"),  # of all so far
         ("scale", "f8"),  # of noise and play, by which residuals are divided
-        ("mean_square", "f8"),  # of the residual
+        ("mean_square", "f8"),  # of the residual: play and overlap of the valve
         ("compared_s", "f8"),  # time of the last comparison, or of the first sample
         ("intervals", INTERVAL, _INTERVALS),
         ("interval_count", "f8"),

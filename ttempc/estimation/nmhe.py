@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 
-from ..models.augmented_state import LENGTH
 from ..models.kinematics import wrap_angle
 from ..models.printed import (
     FACTORS,
@@ -23,9 +22,10 @@ from ..models.printed import (
     printed_parameters,
 )
 from ..mpc.qp import QP, CheckedSolver
+from ..sensors import STARTING_SENSORS
 from ..types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ..vehicle import Vehicle
-from .filter import first_state
+from .filter.start import first_state
 from .noise import SensorNoise
 
 PERIODS: Final = 15  # updates in the window: 3 s at 5 Hz; from memory
@@ -92,12 +92,12 @@ class MovingHorizonEstimator:
         samples = [
             item
             for item in measurements
-            if item.sensor in LENGTH and all(map(math.isfinite, item.value))
+            if item.sensor in STARTING_SENSORS and all(map(math.isfinite, item.value))
         ]
         for item in samples:
             self._readings[item.sensor] = item
         if self._first is None:
-            if len(self._readings) < len(LENGTH):
+            if len(self._readings) < len(STARTING_SENSORS):
                 return self._estimate(time_s, np.full(_SIZE, math.nan), np.full((7, 7), math.nan))
             state, _ = first_state(self._readings, self._vehicle, self._noise)
             trailer = self._readings[Sensor.GNSS_TRAILER].value

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InvalidTuning, UnknownSensor, check_positive
 from ..models.augmented_state import SIZE, STATES, AugmentedState
+from ..sensors import OTHERS, ROW_OF, Body, SensorKind
 from ..types import FloatArray, Sensor
 from ..vehicle import Vehicle
 
@@ -30,7 +31,7 @@ class SensorNoise:
     gnss: float = 0.03  # [m] each axis, white and slow part together
     gnss_white_share: float = 1.0  # of the variance; the rest is slow, alike for both receivers
     gnss_correlation_s: float = 60.0  # of the slow part [s]; assumed
-    gnss_correlation_m: float = 0.0  # the same by the way travelled [m]; 0: by time alone
+    gnss_correlation_m: float = 0.0  # distance over which it fades as well [m]; 0: by time alone
     gnss_shared: float = 0.0  # share of the slow variance that is common to both receivers
     gnss_float: float = 0.0  # [m] of a float solution, as white noise; 0: like any other
     # Of the antennas above the axle points [m], for the correction of their lever-arm tilt with the
@@ -46,11 +47,18 @@ class SensorNoise:
     yaw_rate: float = math.radians(0.1)  # of the IMUs [rad/s]; 0: not used; assumed
     yaw_rate_bias: float = math.radians(0.05)  # of their yaw rate at the start [rad/s]; assumed
     yaw_rate_walk: float = 1e-5  # random walk of this bias [(rad/s)/sqrt(s)]; assumed
+    # Sensors that are not the paper's, with the standard deviation of an entry of a sample; one
+    # that is not named is not used
+    others: tuple[tuple[Sensor, float], ...] = ()
 
     def __post_init__(self) -> None:
         for item in fields(self):
+            if item.name == OTHERS:
+                continue
             zero = item.default == 0.0 or item.name in ("antenna_height_t", "yaw_rate")
             check_positive(f"SensorNoise.{item.name}", getattr(self, item.name), zero=zero)
+        for sensor, sd in self.others:
+            check_positive(f"SensorNoise.{OTHERS}: {sensor}", sd, zero=True)
         if self.gnss_white_share > 1.0:
             raise InvalidTuning(
                 f"SensorNoise.gnss_white_share: got {self.gnss_white_share}, must be at most 1"
@@ -68,11 +76,11 @@ class SensorNoise:
         A bias of the attitude is in it as if it were fixed in the map: it turns with the vehicle.
         """
         own = 0.5 * (1.0 - self.gnss_shared) * (1.0 - self.gnss_white_share) * self.gnss**2
-        return own + (0.5 * self.lean_bias) ** 2
+        return own + (0.5 * self.lever_arm_bias) ** 2
 
     @property
-    def lean_bias(self) -> float:
-        """Deviation of what a bias of both attitudes moves one antenna beside the other [m]."""
+    def lever_arm_bias(self) -> float:
+        """Standard deviation of the shift between the antennas by a bias of both attitudes [m]."""
         return math.hypot(self.antenna_height_t, self.antenna_height_i) * self.attitude_bias
 
     @property
@@ -83,8 +91,9 @@ class SensorNoise:
     @property
     def gnss_forgets(self) -> tuple[float, float]:
         """Rates at which the slow part fades, in a second and in a metre."""
-        way = self.gnss_correlation_m
-        return 1.0 / self.gnss_correlation_s, 1.0 / way if way > 0.0 else 0.0
+        distance = self.gnss_correlation_m
+        per_metre = 1.0 / distance if distance > 0.0 else 0.0
+        return 1.0 / self.gnss_correlation_s, per_metre
 
     def of(self, sensor: Sensor) -> float:
         """Return the standard deviation of each entry of one sample of `sensor`, the white part.
@@ -92,28 +101,25 @@ class SensorNoise:
         Raises:
             UnknownSensor: the sensor has no noise.
         """
-        match sensor:
-            case Sensor.GNSS_TRACTOR | Sensor.GNSS_TRAILER:
-                tractor = sensor is Sensor.GNSS_TRACTOR
-                height = self.antenna_height_t if tractor else self.antenna_height_i
-                white = self.gnss * math.sqrt(self.gnss_white_share)
-                return math.hypot(white, height * self.attitude)
-            case Sensor.STEERING_TRACTOR | Sensor.STEERING_TRAILER:
-                return self.steering
-            case Sensor.HITCH:
-                return self.hitch
-            case Sensor.ENCODER:
-                return self.encoder
-            case Sensor.IMU_TRACTOR | Sensor.IMU_TRAILER:
-                return self.yaw_rate
-        raise UnknownSensor(f"{sensor}: its noise is not known")
+        row = ROW_OF.get(sensor)
+        if row is None:
+            raise UnknownSensor(f"sensor: got {sensor}, must be one of {', '.join(ROW_OF)}")
+        if row.kind is SensorKind.POSITION:
+            height = self.antenna_height_t
+            if row.body is Body.TRAILER:
+                height = self.antenna_height_i
+            white = self.gnss * math.sqrt(self.gnss_white_share)
+            return math.hypot(white, height * self.attitude)
+        if row.noise == OTHERS:
+            return dict(self.others).get(sensor, 0.0)
+        return getattr(self, row.noise)
 
 
 class NoiseScale(IntEnum):
     """Index of each factor of process variances that the filter learns."""
 
     GROUND = 0  # roughness: bumps and soil, felt by both bodies and the steering linkages
-    WHEEL = 1  # change of the persistent wheel slip along the way
+    WHEEL = 1  # change of the persistent wheel slip over the distance
     VALVES = 2  # deviation of both steering valves from their model
 
 
@@ -124,7 +130,7 @@ SCALE_RANGE: Final = ((1e-3, 100.0), (1e-3, 2.0), (1e-1, 1e4))
 
 _OFFSET_WALK: Final = 0.02  # of an angle's offset in a metre, of its size [1/sqrt(m)]; assumed
 _VEHICLE: Final = slice(AugmentedState.X, AugmentedState.DELTA_T)
-_STEERING: Final = slice(AugmentedState.DELTA_T, AugmentedState.RIM)
+_STEERING: Final = slice(AugmentedState.DELTA_T, AugmentedState.WHEEL_SPEED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,16 +164,16 @@ class ProcessNoise:
     bump_steering: float = 0.001  # forces on both steering linkages [rad/sqrt(m)]
     slip_walk: float = 0.0002  # random walk of the persistent side slips [rad/sqrt(m)]
     side_walk: float = 0.0004  # random walk of the side slip on a slope [rad/sqrt(m)]
-    # To the factor WHEEL
+    # Variances that are proportional to the factor WHEEL
     wheel_walk: float = 0.0057  # random walk of the persistent wheel slip [1/sqrt(m)]
     climb_walk: float = 0.0014  # random walk of the wheel slip on a slope [1/sqrt(m)]
-    # To the factor VALVES
-    steering: float = 0.00165  # lag and play of the front steering valve [rad/sqrt(s)]
-    steering_i: float = 0.0009  # of the trailer's [rad/sqrt(s)]
-    # Fixed
-    drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
+    # Variances that are proportional to the factor VALVES
+    steering: float = 0.00165  # lag and backlash of the front steering valve [rad/sqrt(s)]
+    steering_i: float = 0.0009  # lag and backlash of the trailer's steering valve [rad/sqrt(s)]
+    # Variances that no factor changes
+    drive: float = 0.0017  # hydrostat: speed of the wheels [(m/s)/sqrt(s)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
-    joint: float = 0.0005  # what loads turn RJ2 beside its set point, at the start [rad]; assumed
+    joint: float = 0.0005  # turn of RJ2 off its set point by loads, at the start [rad]; assumed
     joint_walk: float = 0.0002  # random walk of it at a factor WHEEL of 1 [rad/sqrt(m)]
     drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
@@ -177,7 +183,7 @@ class ProcessNoise:
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
     bump_m: float = 0.085  # correlation length of the wheel slip on bumps [m]; from recorded speeds
-    map_fading_m: float = 500.0  # the same of map-fixed disturbances [m]; assumed
+    map_fading_m: float = 500.0  # distance over which a map-fixed one fades by 1/e [m]; assumed
     # Initial factors, the standard deviation of their logarithm, and its random walk [1/sqrt(m)]
     roughness: float = 0.5
     wheel: float = 0.2
@@ -223,24 +229,31 @@ class ProcessNoise:
         the tractor. They are those that GNSS reports: the common slow error of both receivers moves
         the vehicle.
         """
+        state = AugmentedState
         deviations = np.zeros((2, 1 + SCALES, SIZE))
-        (per_second, per_metre), state = deviations, AugmentedState
-        per_second[0, [state.RIM, state.DRIVE]] = self.drive, self.drive_walk
-        per_second[1 + NoiseScale.VALVES, _STEERING] = self.steering, self.steering_i
+        per_second, per_metre = deviations
+        per_second[0, state.WHEEL_SPEED] = self.drive
+        per_second[0, state.DRIVE] = self.drive_walk
         per_metre[0, state.STEERING] = self.steering_walk
-        ground, wheel = per_metre[1 + NoiseScale.GROUND], per_metre[1 + NoiseScale.WHEEL]
+        valves = per_second[1 + NoiseScale.VALVES]
+        valves[_STEERING] = self.steering, self.steering_i
+        ground = per_metre[1 + NoiseScale.GROUND]
         ground[[state.SLIP_T, state.SLIP_I]] = self.slip_walk
         ground[[state.SIDE_X, state.SIDE_Y]] = self.side_walk
         ground[_VEHICLE] = self.slip_forward, self.slip_lateral, self.yaw_t, self.yaw_i
         ground[_STEERING] = self.bump_steering
+        wheel = per_metre[1 + NoiseScale.WHEEL]
         wheel[state.WHEEL] = self.wheel_walk
         wheel[[state.CLIMB_X, state.CLIMB_Y]] = self.climb_walk
-        for entries, variance in (
-            ((state.X, state.Y), sensors.slow_variance),
-            ((state.GNSS_X, state.GNSS_Y), sensors.difference_variance),
-        ):
-            for half, rate in zip(deviations, sensors.gnss_forgets, strict=True):
-                half[0, entries] = math.sqrt(2.0 * variance * rate)  # Gelb 1974, sec. 3.6
+
+        # The slow errors of the receivers: density of a first-order process (Gelb 1974, sec. 3.6)
+        for of_span, rate in zip(deviations, sensors.gnss_forgets, strict=True):
+            common = math.sqrt(2.0 * sensors.slow_variance * rate)
+            of_span[0, [state.X, state.Y]] = common
+            difference = math.sqrt(2.0 * sensors.difference_variance * rate)
+            of_span[0, [state.GNSS_X, state.GNSS_Y]] = difference
+
+        # Offsets and biases of sensors
         per_metre[0, [state.OFFSET_I, state.OFFSET_HITCH]] = _OFFSET_WALK * sensors.angle_offset
         if not sensors.angle_offset:
             wheel[state.OFFSET_I] = self.joint_walk
@@ -250,9 +263,11 @@ class ProcessNoise:
 
     def fading(self, sensors: SensorNoise) -> FloatArray:
         """Return the rates at which each disturbance fades, (2, 17): in a second, in a metre."""
-        fading = np.zeros((2, SIZE - STATES))
-        of_gnss = AugmentedState.GNSS_X - STATES
+        rates = np.zeros((2, SIZE))
+        per_metre = rates[1]
+        per_metre[AugmentedState.SLIP_T : AugmentedState.SIDE_X] = 1.0 / self.body_fading_m
+        per_metre[AugmentedState.SIDE_X : AugmentedState.GNSS_X] = 1.0 / self.map_fading_m
         if sensors.difference_variance > 0.0:
-            fading[:, of_gnss : of_gnss + 2] = np.array(sensors.gnss_forgets)[:, None]
-        fading[1, :of_gnss] = [1.0 / self.body_fading_m] * 5 + [1.0 / self.map_fading_m] * 4
-        return fading
+            of_gnss = [AugmentedState.GNSS_X, AugmentedState.GNSS_Y]
+            rates[:, of_gnss] = np.array(sensors.gnss_forgets)[:, None]
+        return rates[:, STATES:]

@@ -1,8 +1,9 @@
-"""The control loop: reference -> filter -> controller (MPC) -> guard, a control period at a time.
+"""The control loop, a period at a time: reference -> filter -> controller (MPC) -> supervisor.
 
 `Guidance.update` and `Guidance.step` are the whole loop, in the order in which data flows. What
 each call does is in the file of its object: `reference/reference.py`, `estimation/ekf.py`,
-`../detectors/`, `laws/tracking_controller.py` with `mpc/`, `supervisor.py`.
+`detectors/kernel.py`, `laws/tracking_controller.py` with `mpc/`, `supervisor.py` with `decision.py`
+and `command.py`, `dead_time.py`.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ from ..vehicle import Vehicle
 from .controllers import EstimatorFactory
 from .dead_time import Guided
 from .parts import ControllerFactory, Parts
-from .supervisor import SafetyLimits, Supervisor, user_part
+from .safety import SafetyLimits
+from .supervisor import Supervisor
+from .user_answer import user_part
 from .views import GuidanceViews
 
 if TYPE_CHECKING:
@@ -199,15 +202,16 @@ class Guidance(GuidanceViews):
         estimate = None if self._stale else self.estimate_record
         now = self._time_s + self._stale * self.period_s
         self._stale += 1
-        guard, k = self._supervisor, self.reference_tick
-        # The guard compares the estimate with tick k of the reference, the controller adds the
-        # feedforward of the reference, the MPC and the robust action, the guard limits the sum.
-        if guard.decide(estimate, k, now, self._alarms):
-            guard.ask(self.estimate_record, k, self._seen)
-        self._sent = guard.finish()
+        supervisor = self._supervisor
+        k = self.reference_tick
+        # The supervisor compares the estimate with tick k of the reference. The controller adds
+        # feedforward, feedback (MPC) and robust action; the supervisor limits their sum.
+        if supervisor.decide(estimate, k, now, self._alarms):
+            supervisor.compute_command(self.estimate_record, k, self._seen)
+        self._sent = supervisor.finish()
         self.learnt, self._notes, self._control_step = self._notes, (), None
         self.tick += 1
-        self.reference_tick += not guard.waits
+        self.reference_tick += not supervisor.waits
         return Command(*self._sent.tolist())
 
     def resume(self) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ..jit import cached_njit
-from ..models.augmented_state import SensorIndex
+from ..layout import SampleColumn
+from ..sensors import ROW_OF
 from ..types import FloatArray, Input, Sensor
 from ..vehicle import Vehicle
 from .learner import Identification, ParameterChange
@@ -19,58 +20,83 @@ from .window import COMMAND, TIME, RecordedTick, Window
 _SAME_TIME_S: Final = 1e-9
 
 
+class ActuatorModel(NamedTuple):
+    """Parameters of the model of an actuator."""
+
+    dead_time: float  # [s]
+    lag: float  # [s]
+    backlash: float  # half width, in the unit of the command
+    rate: float  # limit of the set point's rate, in that unit a second
+
+
 @cached_njit(nogil=True)
 def respond(
     starts: FloatArray,
     commands: FloatArray,
     times: FloatArray,
-    dead_time: float,
-    lag: float,
-    play: float,
-    rate: float,
+    model: ActuatorModel,
     response: FloatArray,
 ) -> None:
     """Write the output of an actuator at `times` (n,), increasing [s], into `response` (n,).
 
-    The actuator is at rest at the first of the `commands` (m,), which are held from `starts` (m,)
-    [s] on. They arrive after the `dead_time` [s]; a play of half width `play` follows them, a set
-    point follows the play at the `rate` limit, and the output follows the set point with the `lag`
-    [s]. Exact between commands, and continuous in all parameters.
+    The actuator is at rest at the first of the `commands` (m,), each of which is constant from its
+    time in `starts` (m,) [s] on. Commands arrive after the dead time. A target follows them through
+    the backlash, a set point follows the target at the rate limit, and the output follows the set
+    point with the lag. Exact between commands, and continuous in all parameters.
     """
-    now, output, valve, target = starts[0], commands[0], commands[0], commands[0]
-    index, last = 0, len(commands) - 1  # of the command that has arrived
+    now = starts[0]
+    output = commands[0]
+    set_point = commands[0]
+    target = commands[0]
+    index = 0  # of the command that has arrived
+    last = len(commands) - 1
     for n in range(len(times)):
         while now < times[n] - _SAME_TIME_S:
-            while index < last and starts[index + 1] + dead_time <= now + _SAME_TIME_S:
+            while index < last and starts[index + 1] + model.dead_time <= now + _SAME_TIME_S:
                 index += 1
             end = times[n]
             if index < last:
-                end = min(end, starts[index + 1] + dead_time)
-            target = min(max(target, commands[index] - play), commands[index] + play)
-            way, rest = target - valve, end - now
-            if way != 0.0:
-                moving = min(rest, abs(way) / rate)  # [s], along a ramp
-                if moving > 0.0:
-                    slope = math.copysign(rate, way)
-                    behind = output - valve + slope * lag  # what fades of the output
-                    output = valve + slope * (moving - lag) + behind * math.exp(-moving / lag)
-                    valve += slope * moving
-                rest -= moving
-                if rest > 0.0:
-                    valve = target
-            if rest > 0.0:
-                output = valve + (output - valve) * math.exp(-rest / lag)
+                end = min(end, starts[index + 1] + model.dead_time)
+            lowest = commands[index] - model.backlash
+            highest = commands[index] + model.backlash
+            target = min(max(target, lowest), highest)
+            set_point, output = _move(set_point, output, target, end - now, model)
             now = end
         response[n] = output
+
+
+@cached_njit(nogil=True)
+def _move(
+    set_point: float, output: float, target: float, span_s: float, model: ActuatorModel
+) -> tuple[float, float]:
+    """Return set point and output after a span in which the target is constant.
+
+    The set point runs along a ramp until it is at the target. With the lag tau and the slope r of
+    the ramp, output - set point + r tau fades as exp(-t / tau) meanwhile.
+    """
+    lag = model.lag
+    distance = target - set_point
+    rest_s = span_s
+    if distance != 0.0:
+        moving_s = min(rest_s, abs(distance) / model.rate)
+        if moving_s > 0.0:
+            slope = math.copysign(model.rate, distance)
+            fading = output - set_point + slope * lag
+            output = set_point + slope * (moving_s - lag) + fading * math.exp(-moving_s / lag)
+            set_point += slope * moving_s
+        rest_s -= moving_s
+        if rest_s > 0.0:
+            set_point = target
+    if rest_s > 0.0:
+        output = set_point + (output - set_point) * math.exp(-rest_s / lag)
+    return set_point, output
 
 
 LONGEST_S: Final = 1.2
 """Longest dead time that is identified [s]; the search begins at sixteen places up to it."""
 
-_LEAST_S: Final = 5.0  # of driving
-_LEAST_LAGS: Final = (
-    10.0  # of driving, in lags of the actuator: an output that lags drifts; assumed
-)
+_LEAST_S: Final = 5.0  # of driving that a fit needs
+_LEAST_LAGS: Final = 10.0  # of driving, in lags of the actuator: its output drifts; assumed
 _SETTLING_S: Final = 2.0  # of a window: what was sent before it still acts
 _CORRELATED_S: Final = 1.0  # over which residuals may be correlated
 _COARSE: Final = 4  # samples of which the search for a beginning takes one
@@ -84,23 +110,28 @@ _CONVERGED: Final = 1e-2
 # standard deviations of white residuals.
 _WORTH: Final = 16.0
 _PROMISING: Final = 0.5  # share of it that a linear forecast must reach; assumed
-_DEPENDENT: Final = 1e-20  # squares of a column beside others, relative, that count as none
+_DEPENDENT: Final = 1e-20  # share of the squares of a column that counts as none
 # A value changes where it differs by three standard deviations and by more than a tenth of a
 # control period, which costs nothing to leave, and where it is known to half a period.
 _SIGNIFICANT: Final = 3.0
 _LEAST_CHANGE_S: Final = 0.02
 _LARGEST_SD_S: Final = 0.08
 
-_DEAD_TIME, _LAG, _PLAY = range(3)  # index of each parameter of a fit
+# Index of each parameter of a fit
+_DEAD_TIME: Final = 0
+_LAG: Final = 1
+_BACKLASH: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
 class _Actuator:
+    """Sensor of an actuator's output, and its parameters as fields of `Vehicle`."""
+
     sensor: Sensor
-    dead_time: str  # field of `Vehicle`
-    lag: str  # likewise
-    # Likewise: a steering, with gain 1 and play. None: limited before the command is sent; gain,
-    # offset and start are fitted beside.
+    dead_time: str
+    lag: str
+    # Of a steering, with gain 1 and backlash. None where the rate is limited before the command is
+    # sent: then gain, offset and decay of the start are fitted as well.
     rate: str | None
 
 
@@ -120,21 +151,22 @@ class ActuatorFit:
     dead_time_sd: float  # [s], infinite where the commands do not excite the actuator
     lag: float  # [s]; that of the vehicle where the data ask for no other
     lag_sd: float  # [s]; 0 where the lag is that of the vehicle
-    play: float  # half width [rad]: overlap of the valve and half the play of the linkage together
+    backlash: float  # half width [rad]: overlap of the valve and half the linkage's backlash
 
 
 def fit_actuator(
     window: Sequence[RecordedTick], vehicle: Vehicle, actuator: Input
 ) -> ActuatorFit | None:
-    """Return dead time, lag and play of least squared residuals; None for less than 5 s or 10 lags.
+    """Return dead time, lag and backlash of least squared residuals.
 
-    The model of `respond` is compared with the samples of a steering angle, its bias fitted beside,
-    or with the rim speed, gain, offset and decay of the start fitted beside (Ljung 1999, System
-    Identification, ch. 7: output error). Noise of a sensor does not bias it, in a closed loop
-    either, since a command answers to earlier samples alone. A play, without which worn valves
-    would pass for slow ones, and a lag beside that of the vehicle are fitted only where the squares
-    fall by 16 variances of a sample. Standard deviations allow for residuals that are correlated
-    over a second (Newey and West 1987).
+    None for less than 5 s or 10 lags of driving. The model of `respond` is compared with the
+    samples of a steering angle, of which the mean residual is fitted too, or with the wheel speed,
+    of which gain, offset and decay of the start are fitted too (Ljung 1999, System Identification,
+    ch. 7: output error). Noise of a sensor does not bias the fit, in a closed loop either, since a
+    command answers to earlier samples alone. A backlash, without which worn valves would pass for
+    slow ones, and another lag than the vehicle's are fitted only where the squares fall by 16
+    variances of a sample. Standard deviations allow for residuals that are correlated over a second
+    (Newey and West 1987).
 
     The window holds recorded ticks, oldest first. The search starts at the vehicle's lag.
     """
@@ -175,9 +207,9 @@ class _Response:
 
     starts: FloatArray  # (m,) of the commands [s], from the first of them
     commands: FloatArray  # (m,)
-    times: FloatArray  # (n,) of the samples [s], likewise
+    times: FloatArray  # (n,) of the samples [s], from the first command
     samples: FloatArray  # (n,)
-    lag: float  # of the vehicle
+    lag: float  # of the vehicle, with which the search begins
     rate: float
     steering: bool
 
@@ -186,18 +218,26 @@ class _Response:
         cls, window: Sequence[RecordedTick], vehicle: Vehicle, input_: Input
     ) -> _Response | None:
         """Return the response in a window; None where it is too short."""
-        actuator, flat = _ACTUATORS[input_], Window.of(window)
+        actuator = _ACTUATORS[input_]
+        flat = Window.of(window)
         commands = flat.ticks[1:, COMMAND][:, input_]
         known = ~np.isnan(commands)
         if not known.any():
             return None
         starts = flat.ticks[:-1, TIME][known]
-        begin, end = starts[0], flat.ticks[-1, TIME]
-        rows = flat.samples[flat.samples[:, 1] == SensorIndex[actuator.sensor.name]]
-        usable = (begin + _SETTLING_S <= rows[:, 0]) & (rows[:, 0] <= end)
-        times, samples = rows[usable & np.isfinite(rows[:, 2])][:, [0, 2]].T
+        begin = starts[0]
+        end = flat.ticks[-1, TIME]
+
+        # Samples of the output by time, each once
+        own = flat.samples[:, SampleColumn.SENSOR] == ROW_OF[actuator.sensor].index
+        times = flat.samples[own, SampleColumn.TIME_S]
+        samples = flat.samples[own, SampleColumn.FIRST]
+        usable = (begin + _SETTLING_S <= times) & (times <= end) & np.isfinite(samples)
+        times = times[usable]
+        samples = samples[usable]
         order = np.lexsort((samples, times))
-        times, samples = times[order], samples[order]
+        times = times[order]
+        samples = samples[order]
         again = (np.diff(times) == 0.0) & (np.diff(samples) == 0.0)
         first = np.append(True, ~again)[: len(times)]
         least = max(_LEAST_S, _LEAST_LAGS * getattr(vehicle, actuator.lag))
@@ -215,93 +255,116 @@ class _Response:
 
     def fit(self) -> ActuatorFit:
         """Return the best parameters; each one more than the dead time must be worth it."""
-        times, samples = (all_[::_COARSE].copy() for all_ in (self.times, self.samples))
-        coarse = replace(self, times=times, samples=samples)
+        coarse = replace(
+            self, times=self.times[::_COARSE].copy(), samples=self.samples[::_COARSE].copy()
+        )
         grid = [np.array([d, self.lag, 0.0]) for d in np.linspace(0.0, LONGEST_S, 16)]
         start = min(grid, key=lambda values: _squares(coarse.residuals(values)))
         best = self._search(start, [_DEAD_TIME])
-        for more in (_PLAY, _LAG) if self.steering else (_LAG,):
+        for more in (_BACKLASH, _LAG) if self.steering else (_LAG,):
             if not self._promises(best, more):
                 continue
             values = best.values.copy()
-            values[_PLAY] = max(values[_PLAY], _STEPS[_PLAY] if more == _PLAY else 0.0)
-            trial = self._search(values, [*best.free, more])
+            if more == _BACKLASH:
+                values[_BACKLASH] = max(values[_BACKLASH], _STEPS[_BACKLASH])
+            trial = self._search(values, [*best.fitted, more])
             variance = _squares(trial.residuals) / len(self.times)
             if _squares(best.residuals) - _squares(trial.residuals) > _WORTH * variance:
                 best = trial
-        dead_time, lag, play = best.values.tolist()
+        dead_time, lag, backlash = best.values.tolist()
         sd = self._deviations(best)
-        return ActuatorFit(dead_time, sd[_DEAD_TIME], lag, sd[_LAG], play)
+        return ActuatorFit(dead_time, sd[_DEAD_TIME], lag, sd[_LAG], backlash)
 
     def residuals(self, values: FloatArray) -> FloatArray:
-        """Return the samples less the response, what is fitted beside taken out, (n,)."""
-        dead_time, lag, play = values.tolist()
+        """Return the samples less the response, less what is fitted too, (n,)."""
+        dead_time, lag, backlash = values.tolist()
+        model = ActuatorModel(dead_time, lag, backlash, self.rate)
         response = np.empty_like(self.times)
-        respond(self.starts, self.commands, self.times, dead_time, lag, play, self.rate, response)
+        respond(self.starts, self.commands, self.times, model, response)
         if self.steering:
             residuals = self.samples - response
             return residuals - residuals.mean()
-        residuals, beside = self.samples - self.samples.mean(), list[FloatArray]()
-        for column in (np.exp(-self.times / lag), response):  # orthogonal one to the other
+
+        # Offset, decay of the start and gain: columns that are made orthogonal one to the other
+        residuals = self.samples - self.samples.mean()
+        orthogonal: list[FloatArray] = []
+        for column in (np.exp(-self.times / lag), response):
             size = _squares(column)
             column = column - column.mean()
-            for other in beside:
+            for other in orthogonal:
                 column -= (column @ other) * other
-            if (left := _squares(column)) > _DEPENDENT * size:
-                beside.append(column / math.sqrt(left))
-                residuals -= (residuals @ beside[-1]) * beside[-1]
+            left = _squares(column)
+            if left > _DEPENDENT * size:
+                unit = column / math.sqrt(left)
+                orthogonal.append(unit)
+                residuals -= (residuals @ unit) * unit
         return residuals
 
-    def _search(self, values: FloatArray, free: list[int]) -> _Search:
-        """Return the minimum over the `free` parameters near `values` (3,): Levenberg-Marquardt."""
-        residuals, damping = self.residuals(values), 1e-3
-        jacobian, squares = self._jacobian(values, free), _squares(residuals)
+    def _search(self, values: FloatArray, fitted: list[int]) -> _Search:
+        """Return the minimum over the `fitted` parameters near `values` (3,).
+
+        The method is that of Levenberg and Marquardt.
+        """
+        damping = 1e-3
+        residuals = self.residuals(values)
+        squares = _squares(residuals)
+        jacobian = self._jacobian(values, fitted)
         for _ in range(_MOST_ITERATIONS):
-            normal, gradient = jacobian.T @ jacobian, jacobian.T @ residuals
-            damped = normal + damping * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(free))
+            normal = jacobian.T @ jacobian
+            gradient = jacobian.T @ residuals
+            damped = normal + damping * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(fitted))
             trial = values.copy()
-            trial[free] -= np.linalg.solve(damped, gradient)
-            for i in free:
-                trial[i] = min(max(trial[i], _BOUNDS[i][0]), _BOUNDS[i][1])
-            step = (trial - values)[free]
+            trial[fitted] -= np.linalg.solve(damped, gradient)
+            for i in fitted:
+                least, most = _BOUNDS[i]
+                trial[i] = min(max(trial[i], least), most)
+            step = (trial - values)[fitted]
             expected = -step @ (2.0 * gradient + normal @ step)
             if expected < _CONVERGED * squares / len(residuals):
                 break
-            other = self.residuals(trial)
-            if (less := _squares(other)) < squares:
-                values, residuals, squares, damping = trial, other, less, 0.3 * damping
-                jacobian = self._jacobian(values, free)
+            trial_residuals = self.residuals(trial)
+            trial_squares = _squares(trial_residuals)
+            if trial_squares < squares:
+                values = trial
+                residuals = trial_residuals
+                squares = trial_squares
+                damping *= 0.3
+                jacobian = self._jacobian(values, fitted)
             else:
                 damping *= 10.0
-        return _Search(values, free, residuals, jacobian)
+        return _Search(values, fitted, residuals, jacobian)
 
     def _promises(self, best: _Search, more: int) -> bool:
         """Whether one parameter more may be worth it: by the linear decrease of the squares."""
         column = self._jacobian(best.values, [more])[:, 0]
-        beside = best.jacobian
-        if (normal := beside.T @ beside).any():
-            column = column - beside @ np.linalg.lstsq(normal, beside.T @ column, rcond=None)[0]
+        others = best.jacobian
+        normal = others.T @ others
+        if normal.any():
+            column = column - others @ np.linalg.lstsq(normal, others.T @ column, rcond=None)[0]
         decrease = float(column @ best.residuals) ** 2
         variance = _squares(best.residuals) / len(self.times)
         return decrease > _PROMISING * _WORTH * variance * _squares(column)
 
-    def _jacobian(self, values: FloatArray, free: list[int]) -> FloatArray:
-        """Return the derivatives of the residuals by the `free` parameters, (n, free)."""
+    def _jacobian(self, values: FloatArray, fitted: list[int]) -> FloatArray:
+        """Return the derivatives of the residuals by the `fitted` parameters, (n, fitted)."""
         columns = []
-        for i in free:
-            low, high = values.copy(), values.copy()
-            low[i] = max(values[i] - _STEPS[i], _BOUNDS[i][0])
-            high[i] = min(values[i] + _STEPS[i], _BOUNDS[i][1])
+        for i in fitted:
+            least, most = _BOUNDS[i]
+            low = values.copy()
+            low[i] = max(values[i] - _STEPS[i], least)
+            high = values.copy()
+            high[i] = min(values[i] + _STEPS[i], most)
             difference = self.residuals(high) - self.residuals(low)
             columns.append(difference / (high[i] - low[i]))
         return np.stack(columns, axis=1)
 
     def _deviations(self, search: _Search) -> list[float]:
-        """Return the standard deviation of each parameter, (3,), 0 where it is not free."""
-        jacobian, residuals = search.jacobian, search.residuals
+        """Return the standard deviation of each parameter, (3,), 0 where it is not fitted."""
+        jacobian = search.jacobian
+        residuals = search.residuals
         normal = jacobian.T @ jacobian
         if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1.0 / np.finfo(float).eps:
-            return [math.inf if i in search.free else 0.0 for i in range(3)]
+            return [math.inf if i in search.fitted else 0.0 for i in range(3)]
         scores = jacobian * residuals[:, None]
         lags = round(_CORRELATED_S * (len(self.times) - 1) / (self.times[-1] - self.times[0]))
         spread = scores.T @ scores
@@ -312,7 +375,7 @@ class _Response:
         white = _squares(residuals) / len(residuals) * inverse
         result = [0.0, 0.0, 0.0]
         for i, robust, plain in zip(
-            search.free, np.diag(inverse @ spread @ inverse), np.diag(white), strict=True
+            search.fitted, np.diag(inverse @ spread @ inverse), np.diag(white), strict=True
         ):
             result[i] = math.sqrt(max(robust, plain))
         return result
@@ -320,10 +383,12 @@ class _Response:
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    values: FloatArray  # (3,) dead time, lag, play
-    free: list[int]  # parameters that were searched
+    """Minimum of a search."""
+
+    values: FloatArray  # (3,) dead time, lag, backlash
+    fitted: list[int]  # parameters that were searched
     residuals: FloatArray  # (n,)
-    jacobian: FloatArray  # (n, free) of the residuals
+    jacobian: FloatArray  # (n, fitted) of the residuals
 
 
 def _squares(values: FloatArray) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,26 +14,58 @@ from ..jit import cached_njit, record
 from ..layout import ESTIMATE
 from ..models.augmented_state import MAPPED, VehicleParameter, vehicle_parameters
 from ..reference.reference import Reference
-from ..types import FloatArray, State
+from ..types import Disturbance, FloatArray, State
 from ..vehicle import Vehicle
 
-_BESIDE_M: Final = 0.5  # between a pass and an earlier one on the same line
-_TURNED_RAD: Final = 0.2  # between their headings
-_SHARE: Final = 0.6  # of the way between two ticks, ahead or behind, that belongs to the first
-_AFTER_M: Final = 10.0  # of driving at least between both
-_WEIGHT_M: Final = _BESIDE_M / _TURNED_RAD  # of a heading beside a position
+_BESIDE_M: Final = 0.5  # between a pass and an earlier one on the same line, at most
+_TURNED_RAD: Final = 0.2  # between their headings, at most
+_SHARE: Final = 0.6  # of the distance between two ticks, ahead or behind, that belongs to the first
+_AFTER_M: Final = 10.0  # of driving between both passes, at least
+_WEIGHT_M: Final = _BESIDE_M / _TURNED_RAD  # of a heading, relative to a position
 _SMOOTH_M: Final = (1.2, 1.2, 0.8)
 """Standard deviation of the Gaussian weights along the path [m]: between the error of a difference
 of estimated positions and the length of a patch; of 0.5 to 2 m the best on tuning seeds."""
-_REACH_M: Final = 3.0  # of the weights
+_REACH_M: Final = 3.0  # beyond which a row has no weight
 _SETTLED_S: Final = 3.0  # from the first estimate on, until which nothing is learnt; assumed
 _ERROR: Final = (6.4e-5, 6.4e-5, 1.6e-5)
 """Variance of what a pass tells [rad^2], by the truth on tuning seeds: 8, 8 and 4 mrad."""
 _CHANGE: Final = (4e-6, 4e-6, 1e-6)  # of the ground from pass to pass; assumed
-_LARGEST: Final = 0.25  # [rad]
+_LARGEST: Final = 0.25  # of a disturbance that is believed [rad]
+_LEAST_SPEED: Final = 0.1  # [m/s] at which the motion shows disturbances
+_MISSING_SHARE: Final = 0.1  # of the weights of a place that may be missing, at most
 
-_ROW: Final = 12  # of `FieldMap.rows`
-_SEEN: Final = 8  # of an estimate: x, y, psi_t, psi_i, delta_t, delta_i, v, and 1 if it is known
+_POSTURE: Final = slice(0, 5)  # columns of `FieldMap.rows`, see there
+_DISTANCE: Final = 5
+_MEAN: Final = slice(6, 9)
+_VARIANCE: Final = slice(9, 12)
+_ROW: Final = 12
+
+_STATES: Final = len(State)
+
+MAP_STATE: Final = np.dtype(
+    [
+        ("next_place", "f8"),  # row of the place that is smoothed next
+        ("last_row", "f8"),  # row of the last tick that was observed
+        ("unsettled", "f8"),  # ticks that are still left out after the start
+        ("states", "f8", (3, _STATES)),  # estimates at the last three ticks, oldest first
+        ("known", "f8", 3),  # 1 for each of them that shows the vehicle's motion
+        ("count", "f8", MAPPED),  # of all first means of a place
+        ("sum", "f8", MAPPED),
+        ("sum_of_squares", "f8", MAPPED),
+        ("share", "f8", MAPPED),  # of a change between means that is to be expected
+    ]
+)
+"""Record of the state of a map, without its places."""
+
+
+class Places(NamedTuple):
+    """Arrays of a map with a row for each tick of its reference, after those of an earlier map."""
+
+    distance: FloatArray  # (T,) [m]
+    place: NDArray[np.int64]  # (T,) row of the place to which a tick belongs
+    raw: FloatArray  # (T, 3) disturbances that the motion showed at a tick, NaN where it did not
+    mean: FloatArray  # (T, 3) [rad] disturbances of a place
+    variance: FloatArray  # (T, 3) [rad^2]; infinite where a place is not known
 
 
 class FieldMap:
@@ -42,7 +74,7 @@ class FieldMap:
     A place is a control tick of the reference on its first pass over a line; later ticks belong to
     the nearest place within 0.5 m and 0.2 rad. What a pass shows is the motion of the estimate. Of
     its position, its headings and the equations of `ttempc.models.kinematics.articulated`, the side
-    slips of both axles and the angle beside the front steering follow by differences over two
+    slips of both axles and the error of the front steering angle follow by differences over two
     periods; Gaussian weights along the path, ahead and behind alike, take noise and lag off. Passes
     are fused as a Kalman filter would, with a variance at every place.
 
@@ -76,27 +108,33 @@ class FieldMap:
             raise InvalidTuning(
                 f"learn_field: got an array {known.shape}, must be finite rows (n, {_ROW}) of a map"
             )
-        self._first = len(known)  # of the arrays, place of tick 0
-        before = known[:, 5] - known[:, 5].max(initial=0.0) - 2.0 * _AFTER_M
+        self._first = len(known)  # row of tick 0
         gear = np.sign(grid.state[:, State.V])
         posture = np.column_stack([grid.state[:, : State.PSI_I + 1], gear])
-        self._posture = np.concatenate([known[:, :5], posture])
-        self._distance = np.concatenate([before, grid.distance_m])
-        self._place = places(self._posture[:, :3], self._distance)
-        count = len(self._place)
-        self._mean, self._variance = np.zeros((count, MAPPED)), np.full((count, MAPPED), np.inf)
-        self._mean[: self._first], self._variance[: self._first] = known[:, 6:9], known[:, 9:]
-        self._raw = np.full((count, MAPPED), math.nan)
-        # number, sum and sum of squares of all first means, and the share of them that is true
-        self._spread = np.zeros((4, MAPPED))
-        for mean in known[:, 6:9]:
-            gather(mean, self._spread)
-        self._seen = np.zeros((3, _SEEN))
+        self._posture = np.concatenate([known[:, _POSTURE], posture])
+        before = known[:, _DISTANCE] - known[:, _DISTANCE].max(initial=0.0) - 2.0 * _AFTER_M
+        distance = np.concatenate([before, grid.distance_m])
+        place = places(self._posture[:, :3], distance)
+        count = len(place)
+        self._places = Places(
+            distance,
+            place,
+            raw=np.full((count, MAPPED), math.nan),
+            mean=np.zeros((count, MAPPED)),
+            variance=np.full((count, MAPPED), np.inf),
+        )
+        self._places.mean[: self._first] = known[:, _MEAN]
+        self._places.variance[: self._first] = known[:, _VARIANCE]
+
+        self._state = np.zeros(MAP_STATE.itemsize // 8)
+        self._record["next_place"] = self._first
+        self._record["last_row"] = self._first - 2
+        self._record["unsettled"] = math.ceil(_SETTLED_S / period_s)
+        for mean in known[:, _MEAN]:
+            gather(mean, self._state)
         self._slope = np.zeros(2)  # (SIDE_X, SIDE_Y) of the last estimate [rad]
-        # next place to smooth, last one observed, ticks to leave out
-        settled = math.ceil(_SETTLED_S / period_s)
-        self._ticks = np.array([self._first, self._first - 2, settled])
-        self._period_s, self._none = period_s, np.zeros(MAPPED)
+        self._period_s = period_s
+        self._none = np.zeros(MAPPED)
         self.exchange(reference.vehicle, lead_s)
 
     def exchange(self, vehicle: Vehicle, lead_s: float) -> None:
@@ -111,36 +149,31 @@ class FieldMap:
             twin.observe(k, np.zeros(ESTIMATE.itemsize // 8), True)
 
     @property
+    def _record(self) -> np.void:
+        """View of the state with names; a copy of this object has its own."""
+        return self._state.view(MAP_STATE)[0]
+
+    @property
     def rows(self) -> FloatArray:
         """The map (n, 12): x, y [m], both headings [rad], sign of speed, distance [m], (3,) twice.
 
         These are means [rad] and variances [rad^2] of the disturbances.
         """
-        known = np.isfinite(self._variance).all(axis=1)
-        parts = self._posture, self._distance[:, None], self._mean, self._variance
-        return np.concatenate(parts, axis=1)[known]
+        places = self._places
+        known = np.isfinite(places.variance).all(axis=1)
+        columns = [self._posture, places.distance, places.mean, places.variance]
+        return np.column_stack(columns)[known]
 
     def observe(self, k: int, row: FloatArray, usable: bool) -> None:
         """Take in the record `ESTIMATE` at tick `k` of the reference.
 
         Where the reference waits, and at ticks that are not `usable`, the pass shows nothing.
         """
-        if (k := k + self._first) < len(self._place):
+        at = k + self._first
+        if at < len(self._places.place):
             self._slope[:] = row.view(ESTIMATE)["map_disturbance"][0, :2]
             observe_field(
-                k,
-                row,
-                usable,
-                self._period_s,
-                self._parameters,
-                self._distance,
-                self._place,
-                self._seen,
-                self._ticks,
-                self._raw,
-                self._mean,
-                self._variance,
-                self._spread,
+                at, row, usable, self._period_s, self._parameters, self._places, self._state
             )
 
     def change(self, k: int) -> FloatArray:
@@ -148,19 +181,24 @@ class FieldMap:
 
         0 where one of both places is not known, and where the reference has waited.
         """
-        k += self._first
-        if k != self._ticks[1] + 1 or k >= len(self._place):
+        at = k + self._first
+        place = self._places.place
+        if at != self._record["last_row"] + 1 or at >= len(place):
             return self._none
-        before, now = self._place[k - 1], self._place[k]
-        known = now < k and before < k - 1 and self._variance[[before, now]].max() < math.inf
-        return self._spread[3] * np.subtract(*self._rest([now, before])) if known else self._none
+        before = place[at - 1]
+        now = place[at]
+        passed = now < at and before < at - 1  # both places were driven over before
+        if not passed or not self._places.variance[[before, now]].max() < math.inf:
+            return self._none
+        return self._record["share"] * np.subtract(*self._rest([now, before]))
 
     def _rest(self, place: NDArray[np.int64] | list[int]) -> FloatArray:
         """Return the means of places (n,) without what the slope of the estimate does, (n, 3)."""
-        rest = self._mean[place]
+        rest = self._places.mean[place]
+        gear = self._posture[place, -1]
+        x, y = self._slope
         for i, column in enumerate((State.PSI_T, State.PSI_I)):
-            heading, gear = self._posture[place, column], self._posture[place, -1]
-            x, y = self._slope
+            heading = self._posture[place, column]
             rest[:, i] -= gear * (y * np.cos(heading) - x * np.sin(heading))
         return rest
 
@@ -169,164 +207,201 @@ class FieldMap:
 
         From the first place on that is not known nothing changes.
         """
-        ticks = np.arange(count) + (k + self._first + self._lead)
-        ticks = np.minimum(ticks, len(self._place) - 1)
-        place = self._place[ticks]
-        unknown = (place >= ticks) | np.isinf(self._variance[place]).any(axis=1)
+        rows = np.arange(count) + (k + self._first + self._lead)
+        rows = np.minimum(rows, len(self._places.place) - 1)
+        place = self._places.place[rows]
+        unknown = (place >= rows) | np.isinf(self._places.variance[place]).any(axis=1)
         values = self._rest(place)
         if unknown.any():
             last = int(np.argmax(unknown))
             values[last:] = values[max(last - 1, 0)]
-        return self._spread[3] * (values - values[0])
+        return self._record["share"] * (values - values[0])
 
 
-def places(pose: FloatArray, distance: FloatArray) -> NDArray[np.int64]:
+def places(posture: FloatArray, distance: FloatArray) -> NDArray[np.int64]:
     """Return the place of every tick (T,): the first tick at which the reference was there.
 
-    `pose` (T, 3) are x, y [m] and heading [rad] of the tractor, `distance` (T,) is what it drives.
+    `posture` (T, 3) are x, y [m] and heading [rad] of the tractor, `distance` (T,) is what it has
+    driven [m].
     """
     from scipy.spatial import KDTree  # takes a while to load, and most drives need no map
 
-    x, y, heading = pose.T
-    turned = _WEIGHT_M * np.cos(heading), _WEIGHT_M * np.sin(heading)
-    points = np.column_stack([x, y, *turned])
+    # Pairs of ticks near each other in position and heading
+    x, y, heading = posture.T
+    turned_x = _WEIGHT_M * np.cos(heading)
+    turned_y = _WEIGHT_M * np.sin(heading)
+    points = np.column_stack([x, y, turned_x, turned_y])
     place = np.arange(len(points))
     first, later = KDTree(points).query_pairs(_BESIDE_M, output_type="ndarray").T
+
+    # Those of different passes whose distance is across the path
     gap = points[later] - points[first]
     along = gap[:, 0] * np.cos(heading[first]) + gap[:, 1] * np.sin(heading[first])
     step = np.gradient(distance)[first]
     apart = (distance[later] - distance[first] > _AFTER_M) & (np.abs(along) <= _SHARE * step)
-    first, later = first[apart], later[apart]
+    first = first[apart]
+    later = later[apart]
     if not len(first):
         return place
+
+    # Of the places of a tick, one of the earliest pass
     earliest = np.full(len(points), len(points))
     np.minimum.at(earliest, later, first)
-    same = distance[first] - distance[earliest[later]] < _AFTER_M  # the earliest pass
-    first, later = first[same], later[same]
-    place[later] = first
+    same_pass = distance[first] - distance[earliest[later]] < _AFTER_M
+    place[later[same_pass]] = first[same_pass]
     return place
 
 
 @cached_njit(error_model="numpy", nogil=True)
 def observe_field(
-    k: int,
+    at: int,
     row: FloatArray,
     usable: bool,
     period_s: float,
     parameters: FloatArray,
-    distance: FloatArray,
-    place: NDArray[np.int64],
-    seen: FloatArray,
-    ticks: NDArray[np.int64],
-    raw: FloatArray,
-    mean: FloatArray,
-    variance: FloatArray,
-    spread: FloatArray,
+    places: Places,
+    state: FloatArray,
 ) -> None:
-    """Do `FieldMap.observe`; the last six arrays are the state of a map."""
+    """Do `FieldMap.observe` at a row of `places`; `state` is the record `MAP_STATE`."""
     e = record(row, ESTIMATE)
-    if k == ticks[1]:  # the reference waits
-        seen[:, _SEEN - 1] = 0.0
+    s = record(state, MAP_STATE)
+    newest = len(s.known) - 1
+    if at != s.last_row + 1:  # the reference waits, or ticks were left out
+        s.known[:] = 0.0
+    if at == s.last_row:
         return
-    if k != ticks[1] + 1:
-        seen[:, _SEEN - 1] = 0.0
-    ticks[1] = k
-    if ticks[2] > 0:
-        ticks[2] -= 1
+    s.last_row = at
+    if s.unsettled > 0:
+        s.unsettled -= 1
         usable = False
-    for i in range(2):
-        for j in range(_SEEN):
-            seen[i, j] = seen[i + 1, j]
-    now = seen[2]
-    for i in range(7):
-        now[i] = e.state[i]
-    now[_SEEN - 1] = 1.0 if usable and math.isfinite(e.state[0]) else 0.0
-    if seen[0, _SEEN - 1] * seen[1, _SEEN - 1] * seen[2, _SEEN - 1] != 0.0:
-        shown(seen, period_s, parameters, raw[k - 1])
-    while distance[k] - distance[ticks[0]] > _REACH_M:
-        _fuse(ticks[0], distance, int(place[ticks[0]]), raw, mean, variance, spread)
-        ticks[0] += 1
+
+    # The last three estimates move on by one
+    for i in range(newest):
+        s.known[i] = s.known[i + 1]
+        for j in range(_STATES):
+            s.states[i, j] = s.states[i + 1, j]
+    s.known[newest] = 1.0 if usable and math.isfinite(e.state[0]) else 0.0
+    for j in range(_STATES):
+        s.states[newest, j] = e.state[j]
+    if s.known[0] * s.known[1] * s.known[2] != 0.0:
+        shown(s.states, period_s, parameters, places.raw[at - 1])
+
+    # Places whose neighbours ahead are all passed
+    next_place = int(s.next_place)
+    while places.distance[at] - places.distance[next_place] > _REACH_M:
+        _fuse(next_place, places, state)
+        next_place += 1
+    s.next_place = next_place
 
 
 @cached_njit(error_model="numpy", nogil=True)
-def shown(seen: FloatArray, period_s: float, parameters: FloatArray, raw: FloatArray) -> None:
-    """Write the disturbances (3,) that the motion over two periods shows, NaN at low speed."""
-    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
-    length_i += parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
-    span_s = 2.0 * period_s
-    psi_t, psi_i = seen[1, State.PSI_T], seen[1, State.PSI_I]
-    delta_i, v = seen[1, State.DELTA_I], seen[1, State.V]
-    if abs(v) < 0.1:
+def shown(states: FloatArray, period_s: float, parameters: FloatArray, raw: FloatArray) -> None:
+    """Write the disturbances (3,) that the motion over two periods shows, NaN at low speed.
+
+    `states` (3, 7) are those at the begin, in the middle and at the end, see `State`. The equations
+    of `ttempc.models.kinematics.articulated` are solved for the side slips and the steering.
+    """
+    begin = states[0]
+    middle = states[1]
+    end = states[2]
+    v = middle[State.V]
+    if abs(v) < _LEAST_SPEED:
         raw[:] = math.nan
         return
-    dx, dy = seen[2, 0] - seen[0, 0], seen[2, 1] - seen[0, 1]
-    yaw_t = seen[2, State.PSI_T] - seen[0, State.PSI_T]
-    yaw_t = (yaw_t - math.tau * round(yaw_t / math.tau)) / span_s
-    yaw_i = seen[2, State.PSI_I] - seen[0, State.PSI_I]
-    yaw_i = (yaw_i - math.tau * round(yaw_i / math.tau)) / span_s
-    rate_i = (seen[2, State.DELTA_I] - seen[0, State.DELTA_I]) / span_s
-    lam, cos_i = psi_t - psi_i, math.cos(delta_i)
+    span_s = 2.0 * period_s
+    dx = end[State.X] - begin[State.X]
+    dy = end[State.Y] - begin[State.Y]
+    yaw_t = _turn(end[State.PSI_T] - begin[State.PSI_T]) / span_s
+    yaw_i = _turn(end[State.PSI_I] - begin[State.PSI_I]) / span_s
+    rate_i = (end[State.DELTA_I] - begin[State.DELTA_I]) / span_s
+
+    a = parameters[VehicleParameter.HITCH_OFFSET]
+    d = parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    length_i = length_i + parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    psi_t = middle[State.PSI_T]
+    lam = psi_t - middle[State.PSI_I]
+    cos_i = math.cos(middle[State.DELTA_I])
     slip_t = (dy * math.cos(psi_t) - dx * math.sin(psi_t)) / (v * span_s)
     across = yaw_i * (length_i + d * cos_i) + a * yaw_t * math.cos(lam) + d * rate_i * cos_i
-    raw[0] = slip_t
-    raw[1] = math.sin(lam) + slip_t * math.cos(lam) - across / v
-    raw[2] = math.atan(yaw_t * parameters[VehicleParameter.WHEELBASE] / v) - seen[1, State.DELTA_T]
+    turned_by = math.atan(yaw_t * parameters[VehicleParameter.WHEELBASE] / v)
+    raw[Disturbance.SLIP_T] = slip_t
+    raw[Disturbance.SLIP_I] = math.sin(lam) + slip_t * math.cos(lam) - across / v
+    raw[Disturbance.STEERING] = turned_by - middle[State.DELTA_T]
 
 
 @cached_njit(error_model="numpy", nogil=True)
-def _fuse(
-    k: int,
-    distance: FloatArray,
-    place: int,
-    raw: FloatArray,
-    mean: FloatArray,
-    variance: FloatArray,
-    spread: FloatArray,
-) -> None:
-    """Smooth what the pass showed at tick `k`, and fuse it with what earlier ones have told.
+def _turn(angle: float) -> float:
+    """Return an angle modulo a turn [rad]."""
+    return angle - math.tau * round(angle / math.tau)
+
+
+@cached_njit(error_model="numpy", nogil=True)
+def _fuse(at: int, places: Places, state: FloatArray) -> None:
+    """Smooth what the pass showed at a row, and fuse it with what earlier passes have shown.
 
     Where more than a tenth of the weights is missing the pass tells nothing.
     """
+    place = places.place[at]
     first = False
     for i in range(MAPPED):
-        total = weights = lost = 0.0
-        for way in range(-1, 2, 2):
-            j = k if way > 0 else k - 1
-            while 0 <= j < len(raw) and abs(distance[j] - distance[k]) <= _REACH_M:
-                along = (distance[j] - distance[k]) / _SMOOTH_M[i]
-                weight = math.exp(-0.5 * along * along)
-                if math.isnan(raw[j, i]):
-                    lost += weight
-                else:
-                    weights, total = weights + weight, total + weight * raw[j, i]
-                j += way
-        if weights == 0.0 or lost > 0.1 * (weights + lost):
+        value = _smoothed(at, i, places)
+        if math.isnan(value):
             return
-        value = min(max(total / weights, -_LARGEST), _LARGEST)
-        if variance[place, i] == math.inf:
-            mean[place, i], variance[place, i] = value, _ERROR[i]
+        value = min(max(value, -_LARGEST), _LARGEST)
+        if places.variance[place, i] == math.inf:
+            places.mean[place, i] = value
+            places.variance[place, i] = _ERROR[i]
             first = True
-        else:
-            prior = variance[place, i] + _CHANGE[i]
+        else:  # a step of a Kalman filter
+            prior = places.variance[place, i] + _CHANGE[i]
             gain = prior / (prior + _ERROR[i])
-            mean[place, i] += gain * (value - mean[place, i])
-            variance[place, i] = (1.0 - gain) * prior
+            places.mean[place, i] += gain * (value - places.mean[place, i])
+            places.variance[place, i] = (1.0 - gain) * prior
     if first:
-        gather(mean[place], spread)
+        gather(places.mean[place], state)
 
 
 @cached_njit(error_model="numpy", nogil=True)
-def gather(mean: FloatArray, spread: FloatArray) -> None:
-    """Add the mean (3,) of a place to `spread` (4, 3).
+def _smoothed(at: int, i: int, places: Places) -> float:
+    """Return the Gaussian mean of the i-th disturbance about a row, NaN where too much is missing.
+
+    Rows before it are summed first, from the nearest on, then the row itself and those after it.
+    """
+    total = 0.0
+    weights = 0.0
+    lost = 0.0
+    for step in range(-1, 2, 2):
+        j = at if step > 0 else at - 1
+        while 0 <= j < len(places.raw):
+            distance = places.distance[j] - places.distance[at]
+            if abs(distance) > _REACH_M:
+                break
+            along = distance / _SMOOTH_M[i]
+            weight = math.exp(-0.5 * along * along)
+            if math.isnan(places.raw[j, i]):
+                lost += weight
+            else:
+                weights += weight
+                total += weight * places.raw[j, i]
+            j += step
+    if weights == 0.0 or lost > _MISSING_SHARE * (weights + lost):
+        return math.nan
+    return total / weights
+
+
+@cached_njit(error_model="numpy", nogil=True)
+def gather(mean: FloatArray, state: FloatArray) -> None:
+    """Add the first mean (3,) of a place to the sums of a `MAP_STATE`, and write the shares.
 
     Of all means the variance V is that of the ground and of the error R: the share 1 - R / V of a
     change is to be expected (Efron and Morris 1973, empirical Bayes), 0 where V is below R.
     """
+    s = record(state, MAP_STATE)
     for i in range(MAPPED):
-        spread[0, i] += 1.0
-        spread[1, i] += mean[i]
-        spread[2, i] += mean[i] * mean[i]
-        average = spread[1, i] / spread[0, i]
-        total = spread[2, i] / spread[0, i] - average * average
-        spread[3, i] = max(0.0, 1.0 - _ERROR[i] / total) if total > 0.0 else 0.0
+        s.count[i] += 1.0
+        s.sum[i] += mean[i]
+        s.sum_of_squares[i] += mean[i] * mean[i]
+        average = s.sum[i] / s.count[i]
+        variance = s.sum_of_squares[i] / s.count[i] - average * average
+        s.share[i] = max(0.0, 1.0 - _ERROR[i] / variance) if variance > 0.0 else 0.0

@@ -21,11 +21,11 @@ TURNING: Final = "trailer_turning_offset"
 """Field of `Vehicle` that is a length [m] of one with a tool; all other learnt ones are times."""
 
 _ATTEMPTS_S: Final = (6.0, 12.0, 20.0, 60.0)  # after the first tick; the first for dead times
-_EVERY_S: Final = 60.0  # after the last of them
+_EVERY_S: Final = 60.0  # between attempts after the last of them
 _EXCHANGE_S: Final = 5.0  # from an attempt to the exchange: time for the work of the thread
-_SOON_S: Final = 2.0  # the same of the attempts on less than `_SHORT_S` of driving
+_SOON_S: Final = 2.0  # from an attempt on less than `_SHORT_S` of driving to the exchange
 _SHORT_S: Final = 15.0
-_MEMORY_S: Final = 120.0  # of driving that is kept: nearly a lap of the paper's figure eight
+_MEMORY_S: Final = 120.0  # of driving that is remembered: nearly a lap of the paper's figure eight
 _EXIT_S: Final = 1.0  # for which the end of a process waits for its threads
 
 
@@ -47,7 +47,7 @@ class ParameterChange:
 class Identification:
     """Result of one identifier on one window."""
 
-    vehicle: Vehicle  # the one given where nothing has changed
+    vehicle: Vehicle  # as given where nothing has changed
     changes: tuple[ParameterChange, ...] = ()  # empty where the data ask for none
     settled: bool = False  # more driving of this kind would change nothing
 
@@ -90,14 +90,14 @@ class Learnt(Generic[_Parts]):
 
 
 _Outcome: TypeAlias = tuple[Identification, Any, list[Identifier]]
-"""What an attempt has found, its parts, None where nothing changes, and who has not settled."""
+"""What an attempt has found, its parts, None where nothing changes, and open identifiers."""
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
-class _Turn:
+class _WorkerTask:
     """Work of a thread, to be begun anew where there is none: in a copy, in a child of a fork."""
 
-    process: int | None = None  # of the thread
+    process: int | None = None  # number of the thread's process
     done: Event = field(default_factory=Event)
     outcome: _Outcome | None = None
     error: BaseException | None = None
@@ -112,7 +112,7 @@ class Learner(Generic[_Parts]):
     at every tick gets it at that tick, whenever the thread was done, so that a run does not depend
     on computing time; who does not gets it at the first tick from there on at which the thread is
     done. Nothing else waits: new parts receive what was recorded meanwhile in the thread too, in
-    turns, until a turn ends before the next tick. An identifier that has settled is left out of
+    tasks, until a task ends before the next tick. An identifier that has settled is left out of
     later attempts.
 
     A learner can be copied and pickled as the identifiers and the builder can. A copy, and the
@@ -129,21 +129,24 @@ class Learner(Generic[_Parts]):
         self._identifiers = list(identifiers)
         self._vehicle = vehicle
         self._builder = builder
+        self._period_s = period_s
         self._memory = round(_MEMORY_S / period_s) + 1
-        self._every, self._period_s = round(_EVERY_S / period_s), period_s
+        self._every = round(_EVERY_S / period_s)
         self._attempts = [round(time_s / period_s) for time_s in _ATTEMPTS_S]
         self._recorder = Recorder(self._memory)
         self._window: Window | None = None  # of the attempt under way
-        self._begun = self._due = 0  # its ticks: of the beginning and of the exchange
-        self._seen = self._recorded = 0  # ticks that its parts have received; at its beginning
-        self._told = False  # that it takes long
-        self._turn = _Turn()
+        self._begun = 0  # tick at which it began
+        self._due = 0  # tick of its exchange
+        self._recorded = 0  # ticks that were recorded at its beginning
+        self._received = 0  # ticks that its parts have received
+        self._reported = False  # whether `overdue` has said that it takes long
+        self._task = _WorkerTask()
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_turn": None}
+        return self.__dict__ | {"_task": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _turn=_Turn())
+        self.__dict__.update(state, _task=_WorkerTask())
 
     def record(
         self,
@@ -168,7 +171,9 @@ class Learner(Generic[_Parts]):
         elif k >= self._attempts[0]:
             self._attempts = self._attempts[1:] or [k + self._every]
             delay_s = _SOON_S if k * self._period_s < _SHORT_S else _EXCHANGE_S
-            self._begun, self._due, self._told = k, k + round(delay_s / self._period_s), False
+            self._begun = k
+            self._due = k + round(delay_s / self._period_s)
+            self._reported = False
             self._recorded = self._recorder.count
             self._window = self._recorder.since(self._recorded - self._memory)
             self._begin()
@@ -178,19 +183,20 @@ class Learner(Generic[_Parts]):
         if self._window is None or k < self._due:
             return
         if not self._work().done.is_set():
-            self._turn.done.wait()
+            self._task.done.wait()
         self._catch_up()
-        if not self._turn.done.is_set():
-            self._turn.done.wait()
+        if not self._task.done.is_set():
+            self._task.done.wait()
 
     def forget(self) -> None:
         """Drop what was recorded, and an attempt under way: it was of a vehicle with a fault."""
-        self._recorder, self._window = Recorder(self._memory), None
+        self._recorder = Recorder(self._memory)
+        self._window = None
 
     def overdue(self, k: int) -> bool:
         """Whether an attempt has taken until the next one would begin; once for each attempt."""
-        late = self._window is not None and not self._told and k >= self._begun + self._every
-        self._told |= late
+        late = self._window is not None and not self._reported and k >= self._begun + self._every
+        self._reported |= late
         return late
 
     def exchange(self, k: int) -> Learnt[_Parts] | None:
@@ -201,58 +207,62 @@ class Learner(Generic[_Parts]):
         """
         if self._window is None or k < self._due or not self._work().done.is_set():
             return None
-        turn = self._turn
-        if turn.outcome is None:
-            self._window, self._identifiers = None, []
-            error = turn.error
+        task = self._task
+        if task.outcome is None:
+            self._window = None
+            self._identifiers = []
+            error = task.error
             raise error if isinstance(error, Exception) else RuntimeError(repr(error))
-        result, parts, open_ones = turn.outcome
-        if parts is not None and self._seen < self._recorder.count:
+        result, parts, open_ones = task.outcome
+        if parts is not None and self._received < self._recorder.count:
             return None
-        self._window, self._identifiers, self._vehicle = None, open_ones, result.vehicle
+        self._window = None
+        self._identifiers = open_ones
+        self._vehicle = result.vehicle
         if parts is None:
             return None
         since = self._recorder.since(self._recorded)
         sent = tuple(tick.command for tick in since if tick.command is not None)
         return Learnt(result.changes, result.vehicle, parts, sent)
 
-    def _work(self) -> _Turn:
-        """Return the present turn, after a begin anew where its thread is of another process."""
-        if self._turn.process != current_process().pid and not self._turn.done.is_set():
+    def _work(self) -> _WorkerTask:
+        """Return the present task, begun anew where its thread is of another process."""
+        if self._task.process != current_process().pid and not self._task.done.is_set():
             self._begin()
-        return self._turn
+        return self._task
 
     def _begin(self) -> None:
         assert self._window is not None
-        self._seen = self._recorded
+        self._received = self._recorded
         self._start(self._window, None)
 
     def _catch_up(self) -> None:
-        """Begin a turn in which new parts receive what they have not yet received, if any."""
-        outcome, seen = self._turn.outcome, self._seen
-        if outcome is None or outcome[1] is None or seen == self._recorder.count:
+        """Begin a task in which new parts receive what they have not yet received, if any."""
+        outcome = self._task.outcome
+        received = self._received
+        if outcome is None or outcome[1] is None or received == self._recorder.count:
             return
-        self._seen = self._recorder.count
-        self._start(self._recorder.since(seen), outcome)
+        self._received = self._recorder.count
+        self._start(self._recorder.since(received), outcome)
 
     def _start(self, window: Window, outcome: _Outcome | None) -> None:
-        turn = self._turn = _Turn(current_process().pid)
+        task = self._task = _WorkerTask(current_process().pid)
         work = window, [*self._identifiers], self._vehicle, self._builder, outcome
 
         def run() -> None:
             try:
-                turn.outcome = _attempt(*work)
+                task.outcome = _attempt(*work)
             except BaseException as error:  # a user's code may also exit
-                turn.error = error
+                task.error = error
             finally:
-                turn.done.set()
+                task.done.set()
 
-        _TURNS.add(turn)
+        _TASKS.add(task)
         try:
             start_new_thread(run, ())  # `Thread.start` waits until the thread runs
         except RuntimeError as error:  # the system has no more of them
-            turn.error = error
-            turn.done.set()
+            task.error = error
+            task.done.set()
 
 
 def _attempt(
@@ -263,7 +273,8 @@ def _attempt(
     outcome: _Outcome | None,
 ) -> _Outcome:
     if outcome is None:
-        changes, open_ones = list[ParameterChange](), list[Identifier]()
+        changes: list[ParameterChange] = []
+        open_ones: list[Identifier] = []
         for identifier in identifiers:
             result = identifier.identify(window, vehicle)
             vehicle = result.vehicle
@@ -277,15 +288,15 @@ def _attempt(
     return outcome
 
 
-_TURNS: Final = WeakSet[_Turn]()
+_TASKS: Final = WeakSet[_WorkerTask]()
 
 
 def _leave() -> None:
     # A thread ends with the process, also that of an identifier that never returns; one that is at
     # the end of its work shall not meet an interpreter that is being taken down.
-    for turn in [*_TURNS]:
-        ours = turn.process == current_process().pid and not turn.done.is_set()
-        if ours and not turn.done.wait(_EXIT_S):
+    for task in [*_TASKS]:
+        ours = task.process == current_process().pid and not task.done.is_set()
+        if ours and not task.done.wait(_EXIT_S):
             break
 
 

@@ -5,49 +5,69 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Final
 
 import numpy as np
 from scipy.special import chdtri
 
-from ..estimation.filter import (
-    AUGMENTED,
-    FADING,
-    FILTER,
-    MOMENT,
-    SAME_TIME_S,
-    VALVES,
-    correct,
-    filter_parameters,
-    first_moment,
-    predict,
-    steps_over,
-)
+from ..estimation.filter.correct import CORRECTION, CORRECTION_SIZE, Reading, correct
+from ..estimation.filter.predict import predict, steps_over
+from ..estimation.filter.records import FILTER, SAME_TIME_S, SNAPSHOT, filter_parameters
+from ..estimation.filter.start import initial_snapshot
 from ..estimation.noise import NoiseScale, ProcessNoise, SensorNoise
-from ..jit import cached_njit
+from ..jit import cached_njit, record
 from ..jit.rows import WIDTH
-from ..layout import FLOAT, SAMPLE, measurements_of
+from ..layout import FLOAT, SAMPLE, SampleColumn, measurements_of
 from ..models.augmented_state import (
     DISTURBANCE_BOUND,
-    LENGTH,
     SIZE,
     STATES,
-    SensorIndex,
-    measure,
+    Step,
     move_augmented_state,
 )
-from ..types import FloatArray, Measurement, Sensor
+from ..models.measurement import measure
+from ..sensors import (
+    GNSS_OF_BODY,
+    IMU_OF_BODY,
+    INNOVATION_SIZES,
+    ROW_OF,
+    SENSOR_COUNT,
+    STARTING_SENSORS,
+)
+from ..types import FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, TURNING, Identification, ParameterChange
 from .window import COMMAND, HEADINGS, SAMPLES, TIME, RecordedTick, Window
 
-_BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
+_BOUNDS: Final = tuple(DISTURBANCE_BOUND.tolist())
+_INPUTS: Final = len(Input)
+
+
+class EventColumn(IntEnum):
+    """Columns of an event of `replay`: a span of time and, at its end, a sample or none."""
+
+    SENSOR = 0  # number of the sensor, see `SensorIndex`, or `NO_SAMPLE`
+    SPAN_S = 1  # since the event before
+    FIRST = 2  # entries of the sample
+    SECOND = 3
+    DELTA_T = 4  # command that acts in the span, as `Input`
+    DELTA_I = 5
+    HP = 6
+    STEPS = 7  # of integration over the span
+    BLOCK = 8  # number of the block of time to which the event belongs
+
+
+EVENT: Final = len(EventColumn)
+"""Number of columns of an event."""
+NO_SAMPLE: Final = -1.0
+"""`EventColumn.SENSOR` of an event without a sample."""
 
 
 @cached_njit(nogil=True)
 def replay(
     parameters: FloatArray,
-    moment: FloatArray,
+    snapshot: FloatArray,
     copies: FloatArray,
     events: FloatArray,
     copy_parameters: FloatArray,
@@ -56,98 +76,135 @@ def replay(
 ) -> float:
     """Run the filter over `events`; return twice the negative log-likelihood of its innovations.
 
-    Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
-    of the sample, command (3,) of the span, number of integration steps, block. `parameters` and
-    `moment` are those of the filter; a sample beyond its gate is used with its noise raised until
-    it just passes. `copies` (p, 24) are the raised states, `copy_parameters` (p, 16) their
-    parameters. J' J and J' r of the whitened innovations r and their derivatives J by the steps of
-    the parameters are added to `normal` (p, p) and, by block, to `gradients` (blocks, p).
+    `events` (n, `EVENT`) are as in `EventColumn`. `parameters` and `snapshot` are those of the
+    filter; a sample beyond its gate is used with its noise raised until it just passes. A copy of
+    the state runs along with the filter for each parameter of the fit, raised by a small step:
+    `copies` (p, 24) are these states, `copy_parameters` (p, 16) their vehicles. With the whitened
+    innovations r and their derivatives J by the steps of the parameters, J' J is added to `normal`
+    (p, p) and J' r, block by block, to `gradients` (blocks, p).
     """
-    f = parameters.view(FILTER)[0]
-    x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
-    fading = parameters[FADING : FADING + 2 * (SIZE - STATES)]
-    middle, inputs, faded = np.empty(WIDTH), np.empty(3), np.empty(SIZE - STATES)
-    reading, other, unused = np.zeros(2), np.zeros(2), np.empty((2, SIZE))
-    copy_valves = np.empty(2)
-    count, size = copies.shape  # no constants, see `FILTER`
-    derivative, e = np.zeros((count, 2)), np.zeros(2)
-    rows = np.empty((8, 2, WIDTH))  # workspace of `correct`, which leaves gain and factor there
-    gain, root = rows[1], rows[7, 1]
+    f = record(parameters, FILTER)
+    workspace = np.empty(CORRECTION_SIZE)
+    count = len(copies)
+    derivative = np.zeros((count, 2))  # rows of J of one event
+    residual = np.zeros(2)  # entries of r of one event
     cost = 0.0
-    for row in range(len(events)):
-        span = events[row, 1]
-        if span > 0.0:
-            command, steps = events[row, 4:7], int(events[row, 7])
-            for j in range(count):
-                copy_valves[0], copy_valves[1] = valves[0], valves[1]
-                for _ in range(steps):
-                    move_augmented_state(
-                        copies[j],
-                        copy_valves,
-                        command,
-                        copy_parameters[j],
-                        fading,
-                        span / steps,
-                        middle,
-                        inputs,
-                        faded,
-                    )
-            predict(parameters, moment, command, span, steps)
-        sensor = int(events[row, 0])
-        if sensor < 0:
+    for n in range(len(events)):
+        event = events[n]
+        span_s = event[EventColumn.SPAN_S]
+        if span_s > 0.0:
+            command = event[EventColumn.DELTA_T : EventColumn.STEPS]
+            steps = int(event[EventColumn.STEPS])
+            _advance_copies(parameters, snapshot, copies, copy_parameters, event)
+            predict(parameters, snapshot, command, span_s, steps)
+        if event[EventColumn.SENSOR] == NO_SAMPLE:
             continue
-        m = measure(sensor, x, parameters[: len(copy_parameters[0])], 0.0, reading, unused)
-        always = m > 0  # no literal: numba would compile `correct` once more for it
-        variance, gate = f.variances[sensor], f.gates[sensor]
-        normalised, log_determinant, first, second = correct(
-            parameters,
-            moment,
-            sensor,
-            events[row, 2],
-            events[row, 3],
-            variance,
-            always,
-            always,
-            rows,
-        )
-        factor = max(1.0, normalised / gate)
-        cost += min(normalised, gate) + math.log(factor) * m + log_determinant
-        e[0], e[1] = first / math.sqrt(factor), second / math.sqrt(factor)
+        sensor = int(event[EventColumn.SENSOR])
+        first = event[EventColumn.FIRST]
+        second = event[EventColumn.SECOND]
+        reading = Reading(sensor, first, second, f.variances[sensor])
+        always = count > 0  # no literal: numba would compile `correct` once more for it
+        comparison = correct(parameters, snapshot, reading, always, always, workspace)
+
+        # A sample beyond the gate counts as one whose noise is larger
+        size = INNOVATION_SIZES[sensor]
+        squared = comparison.normalised_squared
+        factor = max(1.0, squared / f.gates[sensor])
+        cost += min(squared, f.gates[sensor]) + math.log(factor) * size + comparison.log_determinant
+        residual[0] = comparison.first / math.sqrt(factor)
+        residual[1] = comparison.second / math.sqrt(factor)
+        _compare_copies(copies, copy_parameters, sensor, workspace, derivative)
+        _correct_copies(copies, workspace, size, residual, derivative)
+
+        # J' J and J' r
+        block = int(event[EventColumn.BLOCK])
         for j in range(count):
-            measure(sensor, copies[j], copy_parameters[j], 0.0, other, unused)
-            derivative[j, 0] = (reading[0] - other[0]) / root[0]
-            if m == 2:
-                across = reading[1] - other[1] - root[1] * derivative[j, 0]
-                derivative[j, 1] = across / root[2]
-            for r in range(m):
-                for i in range(size):
-                    copies[j, i] += gain[r, i] * (e[r] + derivative[j, r])
-            for i in range(STATES, SIZE):
-                bound = _BOUND[i - STATES]
-                copies[j, i] = min(max(copies[j, i], -bound), bound)
-        for j in range(count):
-            for r in range(m):
-                gradients[int(events[row, 8]), j] += derivative[j, r] * e[r]
+            for r in range(size):
+                gradients[block, j] += derivative[j, r] * residual[r]
                 for i in range(count):
                     normal[i, j] += derivative[i, r] * derivative[j, r]
     return cost
 
 
+@cached_njit(nogil=True)
+def _advance_copies(
+    parameters: FloatArray,
+    snapshot: FloatArray,
+    copies: FloatArray,
+    copy_parameters: FloatArray,
+    event: FloatArray,
+) -> None:
+    """Advance the copies of the state over the span of an event, from the filter's set points."""
+    f = record(parameters, FILTER)
+    now = record(snapshot, SNAPSHOT)
+    step = Step(np.empty(WIDTH), np.empty(_INPUTS), np.empty(SIZE - STATES))
+    valves = np.empty(2)
+    command = event[EventColumn.DELTA_T : EventColumn.STEPS]
+    steps = int(event[EventColumn.STEPS])
+    step_s = event[EventColumn.SPAN_S] / steps
+    for j in range(len(copies)):
+        valves[0] = now.valves[0]
+        valves[1] = now.valves[1]
+        for _ in range(steps):
+            vehicle = copy_parameters[j]
+            move_augmented_state(copies[j], valves, command, vehicle, f.fading, step_s, step)
+
+
+@cached_njit(nogil=True)
+def _compare_copies(
+    copies: FloatArray,
+    copy_parameters: FloatArray,
+    sensor: int,
+    workspace: FloatArray,
+    derivative: FloatArray,
+) -> None:
+    """Write the difference of each copy's whitened innovation from the filter's, (p, 2)."""
+    w = record(workspace, CORRECTION)
+    reading = np.zeros(2)
+    unused = np.empty((2, SIZE))
+    for j in range(len(copies)):
+        size = measure(sensor, copies[j], copy_parameters[j], 0.0, reading, unused)
+        derivative[j, 0] = (w.reading[0] - reading[0]) / w.root[0]
+        if size == 2:
+            rest = w.reading[1] - reading[1] - w.root[1] * derivative[j, 0]
+            derivative[j, 1] = rest / w.root[2]
+
+
+@cached_njit(nogil=True)
+def _correct_copies(
+    copies: FloatArray,
+    workspace: FloatArray,
+    size: int,
+    residual: FloatArray,
+    derivative: FloatArray,
+) -> None:
+    """Correct each copy by its own innovation with the gain of the filter."""
+    w = record(workspace, CORRECTION)
+    for j in range(len(copies)):
+        for r in range(size):
+            for i in range(copies.shape[1]):
+                copies[j, i] += w.projected[0, r, i] * (residual[r] + derivative[j, r])
+        for i in range(STATES, SIZE):
+            bound = _BOUNDS[i - STATES]
+            copies[j, i] = min(max(copies[j, i], -bound), bound)
+
+
 _PRIOR_SD: Final = 0.2  # of each length, relative; assumed
-_SHARES: Final = 0.65, 1.5  # of a given length, least and largest: true ones of +-30 % and some
+_LEAST_SHARE: Final = 0.65  # of a given length: a true one of -30 % and some
+_LARGEST_SHARE: Final = 1.5  # of a given length: a true one of +30 % and some
 _STEP: Final = 1e-4  # relative, of the derivatives
 _GATE: Final = 1e-4  # as in the filter
 _MOST_STEPS: Final = 8
 _CONVERGED_SD: Final = 0.2  # a step of this share of the standard deviations is the last
-_LEAST_S: Final = 15.0  # of driving
+_LEAST_S: Final = 15.0  # of driving that a fit needs
 _BLOCK_S: Final = 5.0  # longer than innovations of a wrong model are correlated; assumed
 _MEAN_S: Final = 0.2  # over which samples of a sensor are averaged; a lag of the front steering
 
 _GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
 _SLIP: Final = 0.03  # relative tolerance of what tyres can feign, see `_tolerance`; assumed
 _N: Final = len(LENGTHS)
-_CHANGE_M: Final = 0.03  # the same of the turning offset, whose effect is as its own; assumed
-_TURN_M: Final = 0.01  # its change below which nothing is exchanged: its prior is in it; assumed
+_TURNING_SD_M: Final = 0.03  # up to which the turning offset counts as known; assumed
+_TURNING_CHANGE_M: Final = 0.01  # of the offset, below which nothing is exchanged; assumed
 _CHANGE: Final = 0.02  # relative change of the lengths below which nothing is exchanged; assumed
 _REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
 KNOWN_SD: Final = 0.05
@@ -164,32 +221,48 @@ class LengthIdentifier:
     """
 
     def __init__(self, vehicle: Vehicle, noise: SensorNoise) -> None:
-        self._given, self._noise, self._process = vehicle, noise, ProcessNoise.of(vehicle)
+        self._given = vehicle
+        self._noise = noise
+        self._process = ProcessNoise.of(vehicle)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""
         fit = fit_lengths(window, vehicle, self._given, self._noise, self._process)
         if fit is None:
             return Identification(vehicle)
-        given, present, covariance = _lengths(self._given), _lengths(vehicle), fit.covariance
-        sd = np.sqrt(np.diag(covariance))
-        wheelbase, _, _, trailer = sd[:_N] / given[:_N]
+        given = _lengths(self._given)
+        present = _lengths(vehicle)
         rejected = fit.rejection > _REJECTED
-        settled = bool(max(wheelbase, trailer) < (0.5 if rejected else 1.0) * KNOWN_SD) and (
-            rejected or fit.rejection < 0.5 * _REJECTED
-        )
+        settled = self._is_settled(fit, given)
         lengths = fit.lengths
         if not rejected:  # the turning offset that fits with the given lengths
+            covariance = fit.covariance
             by_lengths = np.linalg.solve(covariance[:_N, :_N], (given - lengths)[:_N])
             lengths = np.append(given[:_N], (lengths + covariance[:, :_N] @ by_lengths)[_N:])
-        settled &= bool((sd[_N:] < _CHANGE_M).all())
+
         change = lengths - present
-        turned = bool((np.abs(change[_N:]) > _TURN_M).any())
-        if np.linalg.norm(change[:_N] / given[:_N]) < _CHANGE and not turned:
+        turning_changed = bool((np.abs(change[_N:]) > _TURNING_CHANGE_M).any())
+        if np.linalg.norm(change[:_N] / given[:_N]) < _CHANGE and not turning_changed:
             return Identification(vehicle, (), settled)
-        rows = zip(_names(vehicle), present.tolist(), lengths.tolist(), sd.tolist(), strict=True)
-        changes = tuple(ParameterChange(*row) for row in rows if row[1] != row[2] or rejected)
+        rows = zip(
+            _names(vehicle), present.tolist(), lengths.tolist(), fit.sd.tolist(), strict=True
+        )
+        changes = tuple(
+            ParameterChange(name, before, after, sd)
+            for name, before, after, sd in rows
+            if before != after or rejected
+        )
         return Identification(_with_lengths(vehicle, lengths), changes, settled)
+
+    @staticmethod
+    def _is_settled(fit: LengthFit, given: FloatArray) -> bool:
+        """Whether more driving of this kind would change nothing."""
+        wheelbase, _, _, trailer = fit.sd[:_N] / given[:_N]
+        rejected = fit.rejection > _REJECTED
+        known = bool(max(wheelbase, trailer) < (0.5 if rejected else 1.0) * KNOWN_SD)
+        decided = rejected or fit.rejection < 0.5 * _REJECTED
+        turning_known = bool((fit.sd[_N:] < _TURNING_SD_M).all())
+        return known and decided and turning_known
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +272,11 @@ class LengthFit:
     lengths: FloatArray  # (p,) [m] in the order of `LENGTHS`, then `TURNING` of one with a tool
     covariance: FloatArray  # (p, p) [m^2] of their error
     rejection: float  # of the given lengths, see `LengthIdentifier`
+
+    @property
+    def sd(self) -> FloatArray:
+        """Standard deviation of each length, (p,) [m]."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def fit_lengths(
@@ -218,7 +296,7 @@ def fit_lengths(
 
     with theta_0 the lengths of `given` and P0 = diag(0.2 theta_0)^2, where that of the turning
     offset c is a fifth of the tool's distance behind the axle. Side slip and the bias of the
-    front steering, which the filter estimates beside, could pass for a wrong wheelbase on a steady
+    front steering, which the filter estimates too, could pass for a wrong wheelbase on a steady
     curve; curves to both sides, or a curve and a straight, tell them apart. On a straight the
     samples see the sum of hitch offset, drawbar and trailer length alone.
 
@@ -227,14 +305,18 @@ def fit_lengths(
     data = _Replay.of(window, vehicle, noise, process)
     if data is None:
         return None
-    mean, lengths = _lengths(given), _lengths(vehicle)
+    mean = _lengths(given)
+    lengths = _lengths(vehicle)
     sizes = _sizes(given)
     prior = np.diag((_PRIOR_SD * sizes) ** -2.0)
-    least, most = _SHARES[0] * mean, _SHARES[1] * mean
-    least[_N:], most[_N:] = 0.0, sizes[_N:]
+    least = _LEAST_SHARE * mean
+    most = _LARGEST_SHARE * mean
+    least[_N:] = 0.0
+    most[_N:] = sizes[_N:]
 
     def rejection(lengths: FloatArray, covariance: FloatArray, roughness: float) -> float:
-        offset, spread = (lengths - mean)[:_N], covariance[:_N, :_N]
+        offset = (lengths - mean)[:_N]
+        spread = covariance[:_N, :_N]
         return float(offset @ np.linalg.solve(spread + _tolerance(mean[:_N], roughness), offset))
 
     def evaluate(lengths: FloatArray) -> tuple[float, FloatArray, FloatArray, float]:
@@ -249,15 +331,17 @@ def fit_lengths(
         trial = np.clip(trial, least, most)
         step = trial - lengths
         covariance = _covariance(normal, gradients)
-        right = (lengths == mean).all() and rejection(trial, covariance, 1.0) < 0.5 * _REJECTED
-        if right or step @ normal @ step < _CONVERGED_SD**2:
+        is_given = (lengths == mean).all()
+        is_right = is_given and rejection(trial, covariance, 1.0) < 0.5 * _REJECTED
+        if is_right or step @ normal @ step < _CONVERGED_SD**2:
             return LengthFit(trial, covariance, rejection(trial, covariance, roughness))
         result = evaluate(trial)
         while result[0] > cost and step @ normal @ step >= _CONVERGED_SD**2:
             step = 0.5 * step
             trial = lengths + step
             result = evaluate(trial)
-        lengths, (cost, normal, gradients, roughness) = trial, result
+        lengths = trial
+        cost, normal, gradients, roughness = result
     return None
 
 
@@ -267,7 +351,7 @@ class _Replay:
 
     first: Mapping[Sensor, Measurement]  # of every sensor, before the events
     events: FloatArray
-    counts: FloatArray  # (sensors,) of which a sample of the events is the mean
+    counts: FloatArray  # (sensors,) number of samples of which one of the events is the mean
     noise: SensorNoise
     process: ProcessNoise
 
@@ -286,28 +370,25 @@ class _Replay:
         heights = noise.antenna_height_t, noise.antenna_height_i
         samples, counts = _means(axle_points(flat.samples, headings, heights))
         ticks = flat.ticks[~np.isnan(flat.ticks[:, COMMAND]).any(axis=1)]
-        ends, sent, dead_times = ticks[:, TIME], ticks[:, COMMAND], vehicle.dead_times
-        of_sensor = [samples[samples[:, 1] == index] for index in range(len(LENGTH))]
-        if len(ends) < 2 or not all(map(len, of_sensor)):
+        of_sensor = [
+            samples[samples[:, SampleColumn.SENSOR] == ROW_OF[sensor].index]
+            for sensor in STARTING_SENSORS
+        ]
+        if len(ticks) < 2 or not all(map(len, of_sensor)):
             return None
-        begin = max(ends[0] + dead_times.min(), *(own[0, 0] for own in of_sensor))
-        first = measurements_of(np.array([own[own[:, 0] <= begin][-1] for own in of_sensor]))
-        rest = samples[(samples[:, 0] > begin) & (samples[:, 0] <= ends[-1])]
-        if not len(rest) or ends[-1] - rest[0, 0] < _LEAST_S:
+
+        # From the first reading of every sensor on, and from the first command that acts
+        times = samples[:, SampleColumn.TIME_S]
+        end_s = ticks[-1, TIME]
+        starts = [own[0, SampleColumn.TIME_S] for own in of_sensor]
+        begin_s = max(ticks[0, TIME] + vehicle.dead_times.min(), *starts)
+        first = measurements_of(
+            np.array([own[own[:, SampleColumn.TIME_S] <= begin_s][-1] for own in of_sensor])
+        )
+        rest = samples[(times > begin_s) & (times <= end_s)]
+        if not len(rest) or end_s - rest[0, SampleColumn.TIME_S] < _LEAST_S:
             return None
-        # Samples and changes of what acts in order of time, a sample before a change
-        changes = np.unique(np.append(ends[:, None] + dead_times, ends[-1]))
-        later = changes[(changes > begin) & (changes <= ends[-1])]
-        times = np.append(rest[:, 0], later)
-        order = np.argsort(times, kind="stable")
-        events = np.zeros((len(times), 9))
-        events[:, 0] = np.append(rest[:, 1], np.full(len(later), -1.0))[order]
-        events[:, 1] = spans = np.diff(times[order], prepend=begin)
-        events[:, 2:4] = np.append(rest[:, 2:4], np.zeros((len(later), 2)), axis=0)[order]
-        was_sent_s = times[order][:, None] - dead_times - SAME_TIME_S
-        events[:, 4:7] = sent[np.searchsorted(ends, was_sent_s), range(len(dead_times))]
-        events[:, 7] = [steps_over(span) for span in spans.tolist()]
-        events[:, 8] = (times[order] - begin) // _BLOCK_S
+        events = _events(rest, ticks, begin_s, vehicle.dead_times)
         return cls({reading.sensor: reading for reading in first}, events, counts, noise, process)
 
     def run(self, vehicle: Vehicle) -> tuple[float, FloatArray, FloatArray, float]:
@@ -318,28 +399,60 @@ class _Replay:
         lengths = _lengths(vehicle)
         count = len(lengths)
         step = _STEP * _sizes(vehicle)
-        raised = [_with_lengths(vehicle, lengths + row) for row in np.diag(step)]
-        vehicles = vehicle, *raised
-        state, *copies = (
-            first_moment(self.first, item, self.noise, self.process) for item in vehicles
+        vehicles = [vehicle, *(_with_lengths(vehicle, lengths + row) for row in np.diag(step))]
+        snapshot, *copies = (
+            initial_snapshot(self.first, item, self.noise, self.process) for item in vehicles
         )
         own, *others = (
             filter_parameters(item, self.noise, self.process, _GATE) for item in vehicles
         )
-        own.view(FILTER)[0]["variances"][: len(self.counts)] /= self.counts
+        own.view(FILTER)[0]["variances"][:] /= self.counts
         normal = np.zeros((count, count))
-        gradients = np.zeros((int(self.events[:, -1].max()) + 1, count))
+        blocks = int(self.events[:, EventColumn.BLOCK].max()) + 1
+        gradients = np.zeros((blocks, count))
         cost = replay(
             own,
-            state,
-            np.array([copy[AUGMENTED : AUGMENTED + WIDTH] for copy in copies]),
+            snapshot,
+            np.array([copy.view(SNAPSHOT)[0]["augmented"][0] for copy in copies]),
             self.events,
-            np.array([item[:FADING] for item in others]),
+            np.array([item.view(FILTER)[0]["vehicle"] for item in others]),
             normal,
             gradients,
         )
-        roughness = float(state.view(MOMENT)[0]["scales"][0, NoiseScale.GROUND])
+        roughness = float(snapshot.view(SNAPSHOT)[0]["scales"][NoiseScale.GROUND])
         return cost, normal / np.outer(step, step), gradients / step, roughness
+
+
+def _events(
+    samples: FloatArray, ticks: FloatArray, begin_s: float, dead_times: FloatArray
+) -> FloatArray:
+    """Return the rows `EventColumn` of samples and of the changes of what acts, by time.
+
+    `samples` are rows of `SampleColumn` after `begin_s`, `ticks` those of a `Window` with known
+    commands. A sample goes before a change at the same time.
+    """
+    ends = ticks[:, TIME]
+    sent = ticks[:, COMMAND]
+    changes = np.unique(np.append(ends[:, None] + dead_times, ends[-1]))
+    changes = changes[(changes > begin_s) & (changes <= ends[-1])]
+    times = np.append(samples[:, SampleColumn.TIME_S], changes)
+    order = np.argsort(times, kind="stable")
+    times = times[order]
+    spans = np.diff(times, prepend=begin_s)
+    was_sent_s = times[:, None] - dead_times - SAME_TIME_S
+    acting = np.searchsorted(ends, was_sent_s)
+
+    events = np.zeros((len(times), EVENT))
+    events[len(samples) :, EventColumn.SENSOR] = NO_SAMPLE
+    events[: len(samples), EventColumn.SENSOR] = samples[:, SampleColumn.SENSOR]
+    events[: len(samples), EventColumn.FIRST] = samples[:, SampleColumn.FIRST]
+    events[: len(samples), EventColumn.SECOND] = samples[:, SampleColumn.SECOND]
+    events = events[order]
+    events[:, EventColumn.SPAN_S] = spans
+    events[:, EventColumn.DELTA_T : EventColumn.STEPS] = sent[acting, range(_INPUTS)]
+    events[:, EventColumn.STEPS] = [steps_over(span) for span in spans.tolist()]
+    events[:, EventColumn.BLOCK] = (times - begin_s) // _BLOCK_S
+    return events
 
 
 def _covariance(normal: FloatArray, gradients: FloatArray) -> FloatArray:
@@ -355,7 +468,7 @@ def _covariance(normal: FloatArray, gradients: FloatArray) -> FloatArray:
 
 
 def _tolerance(lengths: FloatArray, roughness: float) -> FloatArray:
-    """Return T (4, 4) [m^2], the covariance of what the fit finds beside the true `lengths`.
+    """Return T (4, 4) [m^2], the covariance of the error of the fit by effects outside the model.
 
     1 % of each length for the geometry. For side slip, 3 % of each length times the root of the
     roughness factor that the filter has learnt (at least 1), but for the sum of hitch offset,
@@ -378,43 +491,58 @@ def axle_points(
     is. `headings` (n, 2) are the yaw of tractor and trailer [rad] at each sample.
     """
     result = samples.copy()
+    sensors = samples[:, SampleColumn.SENSOR]
     for body, height_m in enumerate(heights_m):
-        imu = samples[samples[:, 1] == SensorIndex.IMU_TRACTOR + body]
+        imu = samples[sensors == IMU_OF_BODY[body]]
         imu = imu[np.isfinite(imu).all(axis=1)]
         if height_m == 0.0 or not len(imu):
             continue
-        imu = imu[np.argsort(imu[:, 0])]
-        own = samples[:, 1] == body
-        at = samples[own, 0]
-        after = np.clip(np.searchsorted(imu[:, 0], at), 1, None).clip(None, len(imu) - 1)
-        near = after - (at - imu[after - 1, 0] < imu[after, 0] - at)
-        roll, pitch, yaw = imu[near, 3], imu[near, 4], headings[own, body]
-        right, ahead = height_m * np.sin(roll), height_m * np.cos(roll) * np.sin(pitch)
-        result[own, 2] -= ahead * np.cos(yaw) + right * np.sin(yaw)
-        result[own, 3] -= ahead * np.sin(yaw) - right * np.cos(yaw)
+        own = sensors == GNSS_OF_BODY[body]
+        nearest = _nearest(samples[own, SampleColumn.TIME_S], imu)
+        roll = nearest[:, SampleColumn.SECOND]
+        pitch = nearest[:, SampleColumn.THIRD]
+        yaw = headings[own, body]
+        right = height_m * np.sin(roll)
+        ahead = height_m * np.cos(roll) * np.sin(pitch)
+        result[own, SampleColumn.FIRST] -= ahead * np.cos(yaw) + right * np.sin(yaw)
+        result[own, SampleColumn.SECOND] -= ahead * np.sin(yaw) - right * np.cos(yaw)
     return result
+
+
+def _nearest(times: FloatArray, samples: FloatArray) -> FloatArray:
+    """Return of rows of samples, in any order, the one nearest to each time, (n, `SAMPLE`)."""
+    samples = samples[np.argsort(samples[:, SampleColumn.TIME_S])]
+    known = samples[:, SampleColumn.TIME_S]
+    after = np.clip(np.searchsorted(known, times), 1, None).clip(None, len(known) - 1)
+    before_is_nearer = times - known[after - 1] < known[after] - times
+    return samples[after - before_is_nearer]
 
 
 def _means(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return means of samples that follow each other within `_MEAN_S`, by time, then sensor.
 
-    The samples are rows (n, 5) of `SAMPLE` in any order; means of white noise tell as much of a
-    vehicle that hardly turns meanwhile. Each mean is one of as many samples as `counts` (sensors,)
-    has for its sensor, so that its variance is known; what is left over at a gap is dropped, and so
-    are float solutions.
+    The samples are rows (n, `SAMPLE`) in any order; means of white noise tell as much of a vehicle
+    that hardly turns meanwhile. Each mean is one of as many samples as `counts` (sensors,) has for
+    its sensor, so that its variance is known; what is left over at a gap is dropped, and so are
+    float solutions.
     """
-    result, counts = [np.empty((0, SAMPLE))], np.ones(len(LENGTH))
-    for index in range(len(LENGTH)):
-        usable = np.isfinite(rows).all(axis=1) & (rows[:, 4] != FLOAT)
-        own = rows[(rows[:, 1] == index) & usable]
-        own = own[np.unique(own[:, 0], return_index=True)[1]]
-        every = np.median(np.diff(own[:, 0])) if len(own) > 1 else math.inf
-        counts[index] = n = max(1, round(_MEAN_S / every))
-        groups = own[: len(own) // n * n].reshape(-1, n, SAMPLE)
-        together = groups[:, -1, 0] - groups[:, 0, 0] < 1.5 * _MEAN_S
-        result.append(groups[together].mean(axis=1))
+    result = [np.empty((0, SAMPLE))]
+    counts = np.ones(SENSOR_COUNT)
+    usable = np.isfinite(rows).all(axis=1) & (rows[:, SampleColumn.THIRD] != FLOAT)
+    for sensor in STARTING_SENSORS:
+        index = ROW_OF[sensor].index
+        own = rows[(rows[:, SampleColumn.SENSOR] == index) & usable]
+        times, first = np.unique(own[:, SampleColumn.TIME_S], return_index=True)
+        own = own[first]
+        period_s = np.median(np.diff(times)) if len(own) > 1 else math.inf
+        count = max(1, round(_MEAN_S / period_s))
+        counts[index] = count
+        groups = own[: len(own) // count * count].reshape(-1, count, SAMPLE)
+        spans = groups[:, -1, SampleColumn.TIME_S] - groups[:, 0, SampleColumn.TIME_S]
+        result.append(groups[spans < 1.5 * _MEAN_S].mean(axis=1))
     means = np.concatenate(result)
-    return means[np.lexsort((means[:, 1], means[:, 0]))], counts
+    order = np.lexsort((means[:, SampleColumn.SENSOR], means[:, SampleColumn.TIME_S]))
+    return means[order], counts
 
 
 def _names(vehicle: Vehicle) -> tuple[str, ...]:
@@ -423,12 +551,17 @@ def _names(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def _lengths(vehicle: Vehicle) -> FloatArray:
+    """Return the lengths that are fitted, (p,) [m]."""
     return np.array([getattr(vehicle, name) for name in _names(vehicle)])
 
 
 def _sizes(vehicle: Vehicle) -> FloatArray:
-    """Return lengths that are large against their errors: of the turning offset, the tool's."""
-    return np.append(_lengths(vehicle)[:_N], [vehicle.tool_behind] if vehicle.tool_behind else [])
+    """Return lengths that are large against their errors, (p,) [m].
+
+    That of the turning offset is the tool's distance behind the axle.
+    """
+    of_tool = [vehicle.tool_behind] if vehicle.tool_behind else []
+    return np.append(_lengths(vehicle)[:_N], of_tool)
 
 
 def _with_lengths(vehicle: Vehicle, lengths: FloatArray) -> Vehicle:

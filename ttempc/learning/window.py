@@ -13,10 +13,11 @@ import numpy as np
 from ..layout import SAMPLE, measurements_of, sample_rows
 from ..types import Command, FloatArray, Measurement
 
-TIME, COMMAND, HEADINGS, SAMPLES = 0, slice(1, 4), slice(4, 6), 6
-"""Columns of a tick: time [s], the command of the period before, NaN where there was none, the
-estimated yaw of tractor and trailer [rad], and the number of samples up to the end of the tick."""
-
+# Columns of a tick
+TIME: Final = 0  # [s]
+COMMAND: Final = slice(1, 4)  # of the period before, NaN where there was none
+HEADINGS: Final = slice(4, 6)  # estimated yaw of tractor and trailer [rad]
+SAMPLES: Final = 6  # number of samples up to the end of the tick
 _TICK: Final = 7
 _NO_COMMAND: Final = np.full(3, math.nan)
 
@@ -40,7 +41,8 @@ class Window(Sequence[RecordedTick]):
     """
 
     def __init__(self, ticks: FloatArray, samples: FloatArray) -> None:
-        self.ticks, self.samples = ticks, samples
+        self.ticks = ticks
+        self.samples = samples
 
     @classmethod
     def of(cls, window: Sequence[RecordedTick]) -> Window:
@@ -72,7 +74,7 @@ class Window(Sequence[RecordedTick]):
 
 
 class Recorder:
-    """Keeps the last `memory` ticks."""
+    """Remembers the last `memory` ticks."""
 
     def __init__(self, memory: int) -> None:
         self._ticks: deque[tuple[list[float], FloatArray]] = deque(maxlen=memory)
@@ -87,8 +89,9 @@ class Recorder:
         self.count += 1
 
     def since(self, tick: int) -> Window:
-        """Return a copy of the ticks from the `tick`-th on, of those that are kept."""
-        kept = [*self._ticks][max(len(self._ticks) - self.count + tick, 0) :]
-        ticks = np.array([entries for entries, _ in kept]).reshape(-1, _TICK)
+        """Return a copy of the remembered ticks from the `tick`-th on."""
+        remembered = [*self._ticks][max(len(self._ticks) - self.count + tick, 0) :]
+        ticks = np.array([entries for entries, _ in remembered]).reshape(-1, _TICK)
         ticks[:, SAMPLES] = np.cumsum(ticks[:, SAMPLES])
-        return Window(ticks, np.concatenate([np.empty((0, SAMPLE)), *(rows for _, rows in kept)]))
+        no_rows = np.empty((0, SAMPLE))
+        return Window(ticks, np.concatenate([no_rows, *(rows for _, rows in remembered)]))

@@ -2,21 +2,21 @@
 
 import math
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ..jit import cached_njit, local, record
 from ..jit.rows import WIDTH, add_row, clear_row, scale_row, set_row
 from ..layout import ESTIMATE
-from ..types import Disturbance, FloatArray, Input, MapDisturbance, Sensor, State
+from ..types import Disturbance, FloatArray, Input, MapDisturbance, State
 from ..vehicle import Vehicle
 
 
 class AugmentedState(IntEnum):
-    """Index of each entry of an augmented state: `State` with the rim speed, then disturbances.
+    """Index of each entry of an augmented state: `State` with the wheel speed, then disturbances.
 
-    The hydrostat drives the wheels, not the vehicle: the rim speed follows the hydrostat with the
+    The hydrostat drives the wheels, not the vehicle: the wheel speed follows the hydrostat with the
     lag tau on any ground, and wheel slip lowers the vehicle's speed without delay. Disturbances
     that turn with the vehicle and disturbances that are fixed in the map have entries of their
     own, because a slope acts on a turning vehicle from a direction that changes all the time.
@@ -28,26 +28,27 @@ class AugmentedState(IntEnum):
     PSI_I = 3  # [rad] yaw of the trailer
     DELTA_T = 4  # [rad] steering angle of the front wheels
     DELTA_I = 5  # [rad] steering angle of the trailer at RJ2
-    RIM = 6  # [m/s] speed of the rim of the driven wheels
+    WHEEL_SPEED = 6  # [m/s] circumferential speed of the driven wheels
     SLIP_T = 7  # [rad] side slip of the rear axle, the part that turns with the vehicle
-    SLIP_I = 8  # [rad] side slip of the trailer axle, likewise
-    STEERING = 9  # [rad] front steering beside the measured angle
-    DRIVE = 10  # [m/s^2] acceleration of the rim beside the hydrostat's
+    SLIP_I = 8  # [rad] side slip of the trailer axle, the part that turns with the vehicle
+    STEERING = 9  # [rad] added to the measured front steering angle
+    DRIVE = 10  # [m/s^2] acceleration of the wheels, added to the hydrostat's
     WHEEL = 11  # wheel slip, see `Disturbance`, the part that turns with the vehicle
     SIDE_X = 12  # [rad] side slip of both axles, a vector in the map frame: east
     SIDE_Y = 13  # [rad] north
-    CLIMB_X = 14  # wheel slip on the way east
-    CLIMB_Y = 15  # wheel slip on the way north
+    CLIMB_X = 14  # wheel slip of a vehicle that drives east
+    CLIMB_Y = 15  # wheel slip of a vehicle that drives north
     GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
     GNSS_Y = 17  # [m] north
-    # [rad] offset of the sensor of the trailer's steering angle; without any, what loads turn the
-    # joint beside its set point. That is a tenth of an offset: one entry for both
+    # [rad] offset of the sensor of the trailer's steering angle; where there is none, the angle by
+    # which loads turn the joint off its set point. That is a tenth of an offset: one entry
+    # serves both, see `VehicleParameter.JOINT`
     OFFSET_I = 18
-    OFFSET_HITCH = 19  # [rad] of the hitch angle; `STEERING` takes up that of the front
+    OFFSET_HITCH = 19  # [rad] offset of the hitch sensor; `STEERING` takes up the front sensor's
     GYRO_T = 20  # [rad/s] bias of the tractor's gyro
     GYRO_I = 21  # [rad/s] bias of the trailer's
     PAST_T = 22  # [rad] yaw of the tractor at the last sample of its gyro
-    PAST_I = 23  # [rad] the same of the trailer
+    PAST_I = 23  # [rad] yaw of the trailer at the last sample of its gyro
 
 
 STATES: Final = len(State)
@@ -66,7 +67,7 @@ sensors, more than any sensor in order has; none of the past yaw."""
 
 _V_DEPENDS_ON: Final = (
     int(AugmentedState.PSI_T),
-    int(AugmentedState.RIM),
+    int(AugmentedState.WHEEL_SPEED),
     int(AugmentedState.WHEEL),
     int(AugmentedState.CLIMB_X),
     int(AugmentedState.CLIMB_Y),
@@ -81,21 +82,24 @@ def map_disturbance_gain(
 ) -> FloatArray:
     """Return d `Disturbance` / d `MapDisturbance`, (5, 4), at headings [rad] and speed [m/s].
 
-    The signs change in reverse. With the wheel slip s = e(psi_t)'c the vehicle settles at
-    rim - rim s and loses rim s' as it turns, so that to first order in s the drive disturbance is
-    -v (s / tau + s'). `yaw_rate` is that of the tractor [rad/s].
+    The signs change in reverse. With the wheel slip s = e(psi_t)'c and the wheel speed v_w the
+    vehicle settles at v_w - v_w s and loses v_w s' as it turns, so that to first order in s the
+    drive disturbance is -v (s / tau + s'). `yaw_rate` is that of the tractor [rad/s].
     """
-    cos, sin = math.cos(psi_t), math.sin(psi_t)
+    cos = math.cos(psi_t)
+    sin = math.sin(psi_t)
     tau = vehicle.speed_time_constant
-    by_climb = -speed * (cos / tau - yaw_rate * sin), -speed * (sin / tau + yaw_rate * cos)
-    gain = [  # rows in the order of `Disturbance`
-        [-sin, cos, 0.0, 0.0],
-        [-math.sin(psi_i), math.cos(psi_i), 0.0, 0.0],
-        [0.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, *by_climb],
-        [0.0, 0.0, cos, sin],
-    ]
-    return math.copysign(1.0, speed) * np.array(gain)
+    side = [MapDisturbance.SIDE_X, MapDisturbance.SIDE_Y]
+    climb = [MapDisturbance.CLIMB_X, MapDisturbance.CLIMB_Y]
+    gain = np.zeros((len(Disturbance), len(MapDisturbance)))
+    gain[Disturbance.SLIP_T, side] = -sin, cos
+    gain[Disturbance.SLIP_I, side] = -math.sin(psi_i), math.cos(psi_i)
+    gain[Disturbance.DRIVE, climb] = (
+        -speed * (cos / tau - yaw_rate * sin),
+        -speed * (sin / tau + yaw_rate * cos),
+    )
+    gain[Disturbance.WHEEL, climb] = cos, sin
+    return math.copysign(1.0, speed) * gain
 
 
 @cached_njit(error_model="numpy")
@@ -106,58 +110,88 @@ def write_estimate(
 
     The covariance of the state is J P J'; J picks the state (`State`) out of the augmented state,
     but for the speed, which depends on five entries. The drive disturbance of the estimate moves v
-    as the rim speed, its disturbance and the wheel slip do together. `parameters` are (16,).
+    as the wheel speed, its disturbance and the wheel slip do together. `parameters` are (16,).
     """
     e = record(estimate, ESTIMATE)
-    psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-    delta_i, rim = x[AugmentedState.DELTA_I], x[AugmentedState.RIM]
-    gx, gy = x[AugmentedState.SIDE_X], x[AugmentedState.SIDE_Y]
-    cx, cy = x[AugmentedState.CLIMB_X], x[AugmentedState.CLIMB_Y]
-    cos, sin, gear = math.cos(psi_t), math.sin(psi_t), math.copysign(1.0, rim)
-    cos_i, sin_i, psi_d = math.cos(psi_i), math.sin(psi_i), psi_i + delta_i
-    wheel = x[AugmentedState.WHEEL] + gear * (cx * cos + cy * sin)
-    slip_by_heading = gear * (cy * cos - cx * sin)  # ds / d(psi_t)
-    v = rim * (1.0 - wheel)
-    bias = x[AugmentedState.STEERING]
-    yaw_rate = v * math.tan(x[AugmentedState.DELTA_T] + bias)
+    psi_t = x[AugmentedState.PSI_T]
+    psi_i = x[AugmentedState.PSI_I]
+    delta_i = x[AugmentedState.DELTA_I]
+    psi_d = psi_i + delta_i
+    wheel_speed = x[AugmentedState.WHEEL_SPEED]
+    steering = x[AugmentedState.STEERING]
+    gear = math.copysign(1.0, wheel_speed)
+    cos = math.cos(psi_t)
+    sin = math.sin(psi_t)
+    cos_i = math.cos(psi_i)
+    sin_i = math.sin(psi_i)
+
+    # The speed over ground by the total wheel slip s, and the slip's change s' as the vehicle turns
+    climb_x = x[AugmentedState.CLIMB_X]
+    climb_y = x[AugmentedState.CLIMB_Y]
+    wheel = x[AugmentedState.WHEEL] + gear * (climb_x * cos + climb_y * sin)
+    slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
+    v = wheel_speed * (1.0 - wheel)
+    yaw_rate = v * math.tan(x[AugmentedState.DELTA_T] + steering)
     yaw_rate /= parameters[VehicleParameter.WHEELBASE]
-    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    slip_rate = slip_by_heading * yaw_rate  # s' [1/s]
     for i in range(STATES):
         e.state[i] = x[i]
     e.state[State.V] = v
-    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+
+    # The trailer point, and the hitch angle
+    a = parameters[VehicleParameter.HITCH_OFFSET]
+    d = parameters[VehicleParameter.DRAWBAR_LENGTH]
     length_i = parameters[VehicleParameter.TRAILER_LENGTH]
-    e.trailer_xy[0] = x[0] - a * cos - d * math.cos(psi_d) - length_i * cos_i
-    e.trailer_xy[1] = x[1] - a * sin - d * math.sin(psi_d) - length_i * sin_i
+    e.trailer_xy[0] = x[AugmentedState.X] - a * cos - d * math.cos(psi_d) - length_i * cos_i
+    e.trailer_xy[1] = x[AugmentedState.Y] - a * sin - d * math.sin(psi_d) - length_i * sin_i
     e.hitch_angle = psi_t - psi_i - delta_i
-    e.disturbance[Disturbance.SLIP_T] = x[AugmentedState.SLIP_T] + gear * (gy * cos - gx * sin)
-    e.disturbance[Disturbance.SLIP_I] = x[AugmentedState.SLIP_I] + gear * (gy * cos_i - gx * sin_i)
-    e.disturbance[Disturbance.STEERING] = bias
-    slip_rate = slip_by_heading * yaw_rate  # s' [1/s]
-    e.disturbance[Disturbance.DRIVE] = x[AugmentedState.DRIVE] - rim * (wheel / tau + slip_rate)
+
+    # Disturbances: the part that turns with the vehicle and the part that is fixed in the map
+    side_x = x[AugmentedState.SIDE_X]
+    side_y = x[AugmentedState.SIDE_Y]
+    on_slope_t = gear * (side_y * cos - side_x * sin)
+    on_slope_i = gear * (side_y * cos_i - side_x * sin_i)
+    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    e.disturbance[Disturbance.SLIP_T] = x[AugmentedState.SLIP_T] + on_slope_t
+    e.disturbance[Disturbance.SLIP_I] = x[AugmentedState.SLIP_I] + on_slope_i
+    e.disturbance[Disturbance.STEERING] = steering
+    e.disturbance[Disturbance.DRIVE] = x[AugmentedState.DRIVE] - wheel_speed * (
+        wheel / tau + slip_rate
+    )
     e.disturbance[Disturbance.WHEEL] = wheel
     for i in range(_OF_MAP):
         e.map_disturbance[i] = x[AugmentedState.SIDE_X + i]
-    slopes = (  # d v / d augmented, at `_V_DEPENDS_ON`
-        -rim * slip_by_heading,
+
+    speed_slopes = (  # d v / d augmented, at `_V_DEPENDS_ON`
+        -wheel_speed * slip_by_heading,
         1.0 - wheel,
-        -rim,
-        -abs(rim) * cos,
-        -abs(rim) * sin,
+        -wheel_speed,
+        -abs(wheel_speed) * cos,
+        -abs(wheel_speed) * sin,
     )
-    variance = 0.0
+    _write_covariance(covariance, speed_slopes, estimate)
+
+
+@cached_njit(error_model="numpy")
+def _write_covariance(
+    covariance: FloatArray, speed_slopes: tuple[float, ...], estimate: FloatArray
+) -> None:
+    """Write J P J', see `write_estimate`; `speed_slopes` is the row of J of the speed."""
+    e = record(estimate, ESTIMATE)
     for i in range(State.V):
-        total = 0.0
-        for n in range(len(slopes)):
+        with_speed = 0.0
+        for n in range(len(speed_slopes)):
             k = _V_DEPENDS_ON[n]
-            total += slopes[n] * 0.5 * (covariance[k, i] + covariance[i, k])
-        e.covariance[State.V, i] = e.covariance[i, State.V] = total
+            with_speed += speed_slopes[n] * 0.5 * (covariance[k, i] + covariance[i, k])
+        e.covariance[State.V, i] = with_speed
+        e.covariance[i, State.V] = with_speed
         for j in range(State.V):
             e.covariance[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
-    for n in range(len(slopes)):
-        for m in range(len(slopes)):
+    variance = 0.0
+    for n in range(len(speed_slopes)):
+        for m in range(len(speed_slopes)):
             by = covariance[_V_DEPENDS_ON[n], _V_DEPENDS_ON[m]]
-            variance += slopes[n] * slopes[m] * by
+            variance += speed_slopes[n] * speed_slopes[m] * by
     e.covariance[State.V, State.V] = variance
 
 
@@ -185,19 +219,6 @@ class VehicleParameter(IntEnum):
     JOINT = 15  # of a filter, not of a vehicle: 1 where `OFFSET_I` is of the joint, see there
 
 
-class SensorIndex(IntEnum):
-    """Number of each sensor in the kernels; the names are those of `Sensor`."""
-
-    GNSS_TRACTOR = 0
-    GNSS_TRAILER = 1
-    STEERING_TRACTOR = 2
-    STEERING_TRAILER = 3
-    HITCH = 4
-    ENCODER = 5
-    IMU_TRACTOR = 6
-    IMU_TRAILER = 7
-
-
 def vehicle_parameters(vehicle: Vehicle, joint: bool = False) -> FloatArray:
     """Return the parameters of a vehicle in the order of `VehicleParameter`, (16,), SI units."""
     return np.array([getattr(vehicle, name, joint) for name in _PARAMETERS], dtype=float)
@@ -223,42 +244,74 @@ def _steering(
     return rate, 1.0 / lag
 
 
+class _Slip(NamedTuple):
+    """Total slips at present headings, and the parts of them that a slope causes."""
+
+    gear: float  # sign of the wheel speed
+    side_x: float  # [rad] side slip that is fixed in the map, with the sign of the gear
+    side_y: float
+    climb_x: float  # wheel slip that is fixed in the map, with the sign of the gear
+    climb_y: float
+    slip_t: float  # [rad] side slip of the rear axle
+    slip_i: float  # [rad] side slip of the trailer axle
+    speed_ratio: float  # speed over ground by the wheel speed
+
+
+@cached_njit(error_model="numpy")
+def _slip(x: FloatArray, cos_t: float, sin_t: float, cos_i: float, sin_i: float) -> _Slip:
+    """Return the slips of an augmented state, whose headings have these cosines and sines."""
+    gear = math.copysign(1.0, x[AugmentedState.WHEEL_SPEED])
+    side_x = gear * x[AugmentedState.SIDE_X]
+    side_y = gear * x[AugmentedState.SIDE_Y]
+    climb_x = gear * x[AugmentedState.CLIMB_X]
+    climb_y = gear * x[AugmentedState.CLIMB_Y]
+    slip_t = x[AugmentedState.SLIP_T] - side_x * sin_t + side_y * cos_t
+    slip_i = x[AugmentedState.SLIP_I] - side_x * sin_i + side_y * cos_i
+    speed_ratio = 1.0 - x[AugmentedState.WHEEL] - climb_x * cos_t - climb_y * sin_t
+    return _Slip(gear, side_x, side_y, climb_x, climb_y, slip_t, slip_i, speed_ratio)
+
+
 @cached_njit(error_model="numpy")
 def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: FloatArray) -> None:
     """Write dx/dt of the first seven entries under `inputs` (3,) into `rate` (7,).
 
-    The model is `articulated` with the total slips, v = rim (1 - s) and
-    rim' = (K hp - rim) / tau + w. The disturbances are constant.
+    The model is `articulated` with the total slips and, with the wheel speed v_w, v = v_w (1 - s)
+    and v_w' = (K hp - v_w) / tau + w. The disturbances are constant.
     """
-    psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-    delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
-    rim = x[AugmentedState.RIM]
-    wheelbase = parameters[VehicleParameter.WHEELBASE]
-    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    turning = parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH] + turning
-    sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
-    gear = math.copysign(1.0, rim)
-    gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
-    cx, cy = gear * x[AugmentedState.CLIMB_X], gear * x[AugmentedState.CLIMB_Y]
-    slip_t = x[AugmentedState.SLIP_T] - gx * sin_t + gy * cos_t
-    slip_i = x[AugmentedState.SLIP_I] - gx * math.sin(psi_i) + gy * math.cos(psi_i)
-    v = rim * (1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t)
-    lam = psi_t - psi_i
-    cos_l, cos_i = math.cos(lam), math.cos(delta_i)
+    psi_t = x[AugmentedState.PSI_T]
+    psi_i = x[AugmentedState.PSI_I]
+    delta_t = x[AugmentedState.DELTA_T]
+    delta_i = x[AugmentedState.DELTA_I]
+    wheel_speed = x[AugmentedState.WHEEL_SPEED]
+    cos_t = math.cos(psi_t)
+    sin_t = math.sin(psi_t)
+    slip = _slip(x, cos_t, sin_t, math.cos(psi_i), math.sin(psi_i))
+    v = wheel_speed * slip.speed_ratio
     rate_t, _ = _steering(x, inputs, parameters, 0)
     rate_i, _ = _steering(x, inputs, parameters, 1)
-    yaw_t = v * math.tan(delta_t + x[AugmentedState.STEERING]) / wheelbase
-    across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
-    steady_rim = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
+
+    # Yaw rates: of the tractor by its front wheels, of the trailer by what RJ2 moves across it
+    a = parameters[VehicleParameter.HITCH_OFFSET]
+    d = parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    length_i = length_i + parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    lam = psi_t - psi_i
+    cos_l = math.cos(lam)
+    cos_delta_i = math.cos(delta_i)
+    yaw_t = v * math.tan(delta_t + x[AugmentedState.STEERING])
+    yaw_t = yaw_t / parameters[VehicleParameter.WHEELBASE]
+    across = v * (math.sin(lam) + slip.slip_t * cos_l - slip.slip_i) - a * yaw_t * cos_l
+    yaw_i = (across - d * rate_i * cos_delta_i) / (length_i + d * cos_delta_i)
+
+    steady_speed = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
-    rate[AugmentedState.X] = v * (cos_t - slip_t * sin_t)
-    rate[AugmentedState.Y] = v * (sin_t + slip_t * cos_t)
+    rate[AugmentedState.X] = v * (cos_t - slip.slip_t * sin_t)
+    rate[AugmentedState.Y] = v * (sin_t + slip.slip_t * cos_t)
     rate[AugmentedState.PSI_T] = yaw_t
-    rate[AugmentedState.PSI_I] = (across - d * rate_i * cos_i) / (length_i + d * cos_i)
+    rate[AugmentedState.PSI_I] = yaw_i
     rate[AugmentedState.DELTA_T] = rate_t
     rate[AugmentedState.DELTA_I] = rate_i
-    rate[AugmentedState.RIM] = (steady_rim - rim) / tau + x[AugmentedState.DRIVE]
+    rate[AugmentedState.WHEEL_SPEED] = (steady_speed - wheel_speed) / tau + x[AugmentedState.DRIVE]
 
 
 @cached_njit(error_model="numpy")
@@ -266,77 +319,131 @@ def state_rate_jacobian(
     x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
 ) -> None:
     """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 24)."""
-    psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-    delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
-    rim = x[AugmentedState.RIM]
-    wheelbase = parameters[VehicleParameter.WHEELBASE]
-    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
-    turning = parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
-    length_i = parameters[VehicleParameter.TRAILER_LENGTH] + turning
-    sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
-    sin_p, cos_p = math.sin(psi_i), math.cos(psi_i)
-    gear = math.copysign(1.0, rim)
-    gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
-    cx, cy = gear * x[AugmentedState.CLIMB_X], gear * x[AugmentedState.CLIMB_Y]
-    slip_t = x[AugmentedState.SLIP_T] - gx * sin_t + gy * cos_t
-    slip_i = x[AugmentedState.SLIP_I] - gx * sin_p + gy * cos_p
-    speed_ratio = 1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t  # v / rim
-    v = rim * speed_ratio
-    lam = psi_t - psi_i
-    sin_l, cos_l = math.sin(lam), math.cos(lam)
-    sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
-    _, gain_t = _steering(x, inputs, parameters, 0)
-    rate_i, gain_i = _steering(x, inputs, parameters, 1)
-    angle = delta_t + x[AugmentedState.STEERING]
-    yaw_t_v = math.tan(angle) / wheelbase
-    yaw_t_delta = v / (wheelbase * math.cos(angle) ** 2)
-    arm = length_i + d * cos_i
-    yaw_i_v = (sin_l + slip_t * cos_l - slip_i - a * yaw_t_v * cos_l) / arm
-    yaw_i = v * yaw_i_v - d * rate_i * cos_i / arm
-    yaw_i_lam = v * (cos_l - slip_t * sin_l + a * yaw_t_v * sin_l) / arm
-    yaw_i_delta_t = -a * yaw_t_delta * cos_l / arm
-    yaw_i_rate = -d * cos_i / arm
-    yaw_i_delta_i = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
-
     for i in range(STATES):
         for j in range(jacobian.shape[1]):
             jacobian[i, j] = 0.0
-    jacobian[AugmentedState.X, AugmentedState.PSI_T] = -v * (sin_t + slip_t * cos_t)
-    jacobian[AugmentedState.Y, AugmentedState.PSI_T] = v * (cos_t - slip_t * sin_t)
-    jacobian[AugmentedState.PSI_T, AugmentedState.DELTA_T] = yaw_t_delta
-    jacobian[AugmentedState.PSI_T, AugmentedState.STEERING] = yaw_t_delta
-    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_T] = yaw_i_lam
-    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] = -yaw_i_lam
-    jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_T] = yaw_i_delta_t
-    jacobian[AugmentedState.PSI_I, AugmentedState.STEERING] = yaw_i_delta_t
-    jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_I] = yaw_i_delta_i
-    jacobian[AugmentedState.DELTA_T, AugmentedState.DELTA_T] = -gain_t
-    jacobian[AugmentedState.DELTA_I, AugmentedState.DELTA_I] = -gain_i
-    beside = gain_i * parameters[VehicleParameter.JOINT]
-    jacobian[AugmentedState.DELTA_I, AugmentedState.OFFSET_I] = beside
-    jacobian[AugmentedState.PSI_I, AugmentedState.OFFSET_I] = yaw_i_rate * beside
+    psi_t = x[AugmentedState.PSI_T]
+    psi_i = x[AugmentedState.PSI_I]
+    cos_t = math.cos(psi_t)
+    sin_t = math.sin(psi_t)
+    cos_i = math.cos(psi_i)
+    sin_i = math.sin(psi_i)
+    slip = _slip(x, cos_t, sin_t, cos_i, sin_i)
+    yaw = _write_yaw_derivatives(x, inputs, parameters, slip, jacobian)
+
+    v = x[AugmentedState.WHEEL_SPEED] * slip.speed_ratio
+    jacobian[AugmentedState.X, AugmentedState.PSI_T] = -v * (sin_t + slip.slip_t * cos_t)
+    jacobian[AugmentedState.Y, AugmentedState.PSI_T] = v * (cos_t - slip.slip_t * sin_t)
     tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
-    jacobian[AugmentedState.RIM, AugmentedState.RIM] = -1.0 / tau
-    jacobian[AugmentedState.RIM, AugmentedState.DRIVE] = 1.0
-    # Through the speed v = rim * speed_ratio, and through the side slips.
-    by_v = (cos_t - slip_t * sin_t, sin_t + slip_t * cos_t, yaw_t_v, yaw_i_v)
-    by_slip_t = (-v * sin_t, v * cos_t, 0.0, v * cos_l / arm)
-    by_slip_i = -v / arm
-    v_psi = rim * (cx * sin_t - cy * cos_t)
-    slip_t_psi = -gx * cos_t - gy * sin_t
-    for row in range(4):  # x, y, psi_t, psi_i
-        jacobian[row, AugmentedState.PSI_T] += by_v[row] * v_psi + by_slip_t[row] * slip_t_psi
-        jacobian[row, AugmentedState.RIM] = by_v[row] * speed_ratio
-        jacobian[row, AugmentedState.SLIP_T] = by_slip_t[row]
-        jacobian[row, AugmentedState.WHEEL] = -by_v[row] * rim
-        jacobian[row, AugmentedState.SIDE_X] = -gear * by_slip_t[row] * sin_t
-        jacobian[row, AugmentedState.SIDE_Y] = gear * by_slip_t[row] * cos_t
-        jacobian[row, AugmentedState.CLIMB_X] = -gear * by_v[row] * rim * cos_t
-        jacobian[row, AugmentedState.CLIMB_Y] = -gear * by_v[row] * rim * sin_t
-    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] += by_slip_i * (-gx * cos_p - gy * sin_p)
+    jacobian[AugmentedState.WHEEL_SPEED, AugmentedState.WHEEL_SPEED] = -1.0 / tau
+    jacobian[AugmentedState.WHEEL_SPEED, AugmentedState.DRIVE] = 1.0
+    _add_slip_derivatives(x, cos_t, sin_t, slip, yaw, jacobian)
+
+    # The side slip of the trailer's axle turns the trailer only
+    by_slip_i = -v / yaw.arm
+    by_heading = by_slip_i * (-slip.side_x * cos_i - slip.side_y * sin_i)
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] += by_heading
     jacobian[AugmentedState.PSI_I, AugmentedState.SLIP_I] = by_slip_i
-    jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_X] -= gear * by_slip_i * sin_p
-    jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_Y] += gear * by_slip_i * cos_p
+    jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_X] -= slip.gear * by_slip_i * sin_i
+    jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_Y] += slip.gear * by_slip_i * cos_i
+
+
+class _Yaw(NamedTuple):
+    """Derivatives of the yaw rates that the other terms of the Jacobian need."""
+
+    t_by_v: float  # of the tractor's, by the speed v [1/m]
+    i_by_v: float  # of the trailer's, by the speed v [1/m]
+    cos_lambda: float  # of psi_t - psi_i
+    arm: float  # [m] from the trailer's axle to RJ2 and, turned by delta_i, to RJ1
+
+
+@cached_njit(error_model="numpy")
+def _write_yaw_derivatives(
+    x: FloatArray,
+    inputs: FloatArray,
+    parameters: FloatArray,
+    slip: _Slip,
+    jacobian: FloatArray,
+) -> _Yaw:
+    """Write the derivatives of both yaw rates and steering rates by angles, at constant v."""
+    delta_i = x[AugmentedState.DELTA_I]
+    v = x[AugmentedState.WHEEL_SPEED] * slip.speed_ratio
+    lam = x[AugmentedState.PSI_T] - x[AugmentedState.PSI_I]
+    sin_l = math.sin(lam)
+    cos_l = math.cos(lam)
+    wheelbase = parameters[VehicleParameter.WHEELBASE]
+    a = parameters[VehicleParameter.HITCH_OFFSET]
+    d = parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    length_i = length_i + parameters[VehicleParameter.TRAILER_TURNING_OFFSET]
+    arm = length_i + d * math.cos(delta_i)
+    _, gain_t = _steering(x, inputs, parameters, 0)
+    rate_i, gain_i = _steering(x, inputs, parameters, 1)
+
+    # Yaw rate of the tractor and rate of its front wheels
+    angle = x[AugmentedState.DELTA_T] + x[AugmentedState.STEERING]
+    t_by_v = math.tan(angle) / wheelbase
+    t_by_delta = v / (wheelbase * math.cos(angle) ** 2)
+    jacobian[AugmentedState.PSI_T, AugmentedState.DELTA_T] = t_by_delta
+    jacobian[AugmentedState.PSI_T, AugmentedState.STEERING] = t_by_delta
+    jacobian[AugmentedState.DELTA_T, AugmentedState.DELTA_T] = -gain_t
+
+    # Yaw rate of the trailer and rate of its joint
+    i_by_v = (sin_l + slip.slip_t * cos_l - slip.slip_i - a * t_by_v * cos_l) / arm
+    yaw_i = v * i_by_v - d * rate_i * math.cos(delta_i) / arm
+    i_by_lambda = v * (cos_l - slip.slip_t * sin_l + a * t_by_v * sin_l) / arm
+    i_by_delta_t = -a * t_by_delta * cos_l / arm
+    i_by_rate = -d * math.cos(delta_i) / arm
+    i_by_delta_i = d * math.sin(delta_i) * (rate_i + yaw_i) / arm - i_by_rate * gain_i
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_T] = i_by_lambda
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] = -i_by_lambda
+    jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_T] = i_by_delta_t
+    jacobian[AugmentedState.PSI_I, AugmentedState.STEERING] = i_by_delta_t
+    jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_I] = i_by_delta_i
+    jacobian[AugmentedState.DELTA_I, AugmentedState.DELTA_I] = -gain_i
+    by_joint = gain_i * parameters[VehicleParameter.JOINT]
+    jacobian[AugmentedState.DELTA_I, AugmentedState.OFFSET_I] = by_joint
+    jacobian[AugmentedState.PSI_I, AugmentedState.OFFSET_I] = i_by_rate * by_joint
+    return _Yaw(t_by_v, i_by_v, cos_l, arm)
+
+
+@cached_njit(error_model="numpy")
+def _add_slip_derivatives(
+    x: FloatArray, cos_t: float, sin_t: float, slip: _Slip, yaw: _Yaw, jacobian: FloatArray
+) -> None:
+    """Write the derivatives through the speed over ground and the tractor's side slip.
+
+    Both act on the rates of x, y, psi_t and psi_i. What a slope adds to them turns with psi_t.
+    """
+    wheel_speed = x[AugmentedState.WHEEL_SPEED]
+    v = wheel_speed * slip.speed_ratio
+    by_v = (
+        cos_t - slip.slip_t * sin_t,
+        sin_t + slip.slip_t * cos_t,
+        yaw.t_by_v,
+        yaw.i_by_v,
+    )
+    by_slip = (-v * sin_t, v * cos_t, 0.0, v * yaw.cos_lambda / yaw.arm)
+    v_by_psi = wheel_speed * (slip.climb_x * sin_t - slip.climb_y * cos_t)
+    slip_by_psi = -slip.side_x * cos_t - slip.side_y * sin_t
+    for row in range(len(by_v)):
+        by_psi = by_v[row] * v_by_psi + by_slip[row] * slip_by_psi
+        jacobian[row, AugmentedState.PSI_T] += by_psi
+        jacobian[row, AugmentedState.WHEEL_SPEED] = by_v[row] * slip.speed_ratio
+        jacobian[row, AugmentedState.SLIP_T] = by_slip[row]
+        jacobian[row, AugmentedState.WHEEL] = -by_v[row] * wheel_speed
+        jacobian[row, AugmentedState.SIDE_X] = -slip.gear * by_slip[row] * sin_t
+        jacobian[row, AugmentedState.SIDE_Y] = slip.gear * by_slip[row] * cos_t
+        jacobian[row, AugmentedState.CLIMB_X] = -slip.gear * by_v[row] * wheel_speed * cos_t
+        jacobian[row, AugmentedState.CLIMB_Y] = -slip.gear * by_v[row] * wheel_speed * sin_t
+
+
+class Step(NamedTuple):
+    """Results of an integration step other than the new state."""
+
+    middle: FloatArray  # (24,) state in the middle of the step
+    inputs: FloatArray  # (3,) that act
+    fading: FloatArray  # (17,) logarithm of the factor by which each disturbance fades
 
 
 @cached_njit(error_model="numpy")
@@ -347,41 +454,44 @@ def move_augmented_state(
     parameters: FloatArray,
     fading: FloatArray,
     step_s: float,
-    middle: FloatArray,
-    inputs: FloatArray,
-    faded: FloatArray,
+    step: Step,
 ) -> None:
-    """Advance `x` (24,) and `valves` (2,) by `step_s` in place.
+    """Advance `x` (24,) and `valves` (2,) by `step_s` in place, and write the `Step`.
 
     The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
     limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
     Disturbances fade by exp(-a step_s - b travel) with the halves a [1/s], b [1/m] of `fading`
-    (34,). Written are the state in the `middle` of the step (24,), the `inputs` that act (3,) and
-    the logarithm of the factor by which each disturbance fades, `faded` (17,).
+    (34,).
     """
-    inputs[Input.HP] = command[Input.HP]
-    for i in range(2):
+    step.inputs[Input.HP] = command[Input.HP]
+    for i in range(Input.HP):
         reach = parameters[VehicleParameter.STEERING_RATE_T + i] * step_s
         after = min(max(command[i], valves[i] - reach), valves[i] + reach)
-        inputs[i] = 0.5 * (valves[i] + after)
+        step.inputs[i] = 0.5 * (valves[i] + after)
         valves[i] = after
-    stage_x, rates = local((SIZE,)), local((4, STATES))
+
+    # Runge-Kutta: rates at the begin, twice in the middle, at the end
+    stage_x = local((SIZE,))
+    rates = local((4, STATES))
     for i in range(SIZE):
-        stage_x[i] = middle[i] = x[i]
-    state_rate(x, inputs, parameters, rates[0])
+        stage_x[i] = x[i]
+        step.middle[i] = x[i]
+    state_rate(x, step.inputs, parameters, rates[0])
     for stage in range(3):
         duration = step_s if stage == 2 else 0.5 * step_s
         for i in range(STATES):
             stage_x[i] = x[i] + duration * rates[stage, i]
-        state_rate(stage_x, inputs, parameters, rates[stage + 1])
+        state_rate(stage_x, step.inputs, parameters, rates[stage + 1])
+    end = len(rates) - 1
     for i in range(STATES):
-        change = step_s / 6.0 * (rates[0, i] + 2.0 * (rates[1, i] + rates[2, i]) + rates[3, i])
-        middle[i] = x[i] + 0.5 * change
+        change = step_s / 6.0 * (rates[0, i] + 2.0 * (rates[1, i] + rates[2, i]) + rates[end, i])
+        step.middle[i] = x[i] + 0.5 * change
         x[i] += change
-    travel = abs(middle[AugmentedState.RIM]) * step_s
-    for j in range(SIZE - STATES):
-        faded[j] = -fading[j] * step_s - fading[SIZE - STATES + j] * travel
-        x[STATES + j] *= math.exp(faded[j])
+
+    travel = abs(step.middle[AugmentedState.WHEEL_SPEED]) * step_s
+    for j in range(_DISTURBANCES):
+        step.fading[j] = -fading[j] * step_s - fading[_DISTURBANCES + j] * travel
+        x[STATES + j] *= math.exp(step.fading[j])
 
 
 @cached_njit(error_model="numpy")
@@ -397,15 +507,29 @@ def advance_augmented_state(
     """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
 
     `transition` (24, 24), contiguous, is the exponential of the Jacobian in the middle of the step.
-    `x` may have entries beside.
+    `x` may be longer than 24.
     """
-    middle, inputs, faded = local((SIZE,)), local((3,)), local((_DISTURBANCES,))
-    move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
+    middle = local((SIZE,))
+    inputs = local((3,))
+    faded = local((_DISTURBANCES,))
+    step = Step(middle, inputs, faded)
+    move_augmented_state(x, valves, command, parameters, fading, step_s, step)
     jacobian = local((STATES, WIDTH))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
+    _write_exponential(jacobian, faded, step_s, transition)
 
-    # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
-    previous, diagonal = local((STATES, WIDTH)), local((WIDTH,))
+
+@cached_njit(error_model="numpy")
+def _write_exponential(
+    jacobian: FloatArray, fading: FloatArray, step_s: float, transition: FloatArray
+) -> None:
+    """Write exp([[A, B], [0, F]]) by Horner's scheme: E <- 1 + M E / n, from the last term n on.
+
+    [A, B] is the `jacobian` (7, 24) times `step_s`, F the diagonal matrix of `fading` (17,). Below
+    the upper seven rows only the diagonal is not 0.
+    """
+    previous = local((STATES, WIDTH))  # upper rows of E before
+    diagonal = local((WIDTH,))  # lower diagonal of E before; 0 for the states
     clear_row(diagonal, 0)
     for i in range(SIZE):
         clear_row(transition, i * WIDTH)
@@ -416,6 +540,7 @@ def advance_augmented_state(
         for j in range(STATES, SIZE):
             diagonal[j] = transition[j, j]
         duration = step_s / term
+        # Upper right block: B times the lower diagonal, and A times the upper rows
         for i in range(STATES):
             set_row(transition, i * WIDTH, duration, jacobian, i * WIDTH)
             scale_row(transition, i * WIDTH, 1.0, diagonal, 0)
@@ -427,89 +552,4 @@ def advance_augmented_state(
         for i in range(STATES):
             transition[i, i] += 1.0
         for j in range(STATES, SIZE):
-            transition[j, j] = 1.0 + faded[j - STATES] * transition[j, j] / term
-
-
-@cached_njit(error_model="numpy")
-def measure(
-    sensor: int,
-    x: FloatArray,
-    parameters: FloatArray,
-    span_s: float,
-    reading: FloatArray,
-    jacobian: FloatArray,
-) -> int:
-    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 24).
-
-    Returns the number of entries of the reading, 1 or 2. `sensor` is a `SensorIndex` as a number.
-    The reading of a gyro is the integral of its yaw rate over the time `span_s` since its last
-    sample; the other sensors do not need it.
-    """
-    for j in range(jacobian.shape[1]):
-        jacobian[0, j] = jacobian[1, j] = 0.0
-    error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
-    if sensor == SensorIndex.GNSS_TRACTOR:
-        reading[0], reading[1] = x[AugmentedState.X] - error_x, x[AugmentedState.Y] - error_y
-        jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
-        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = -1.0
-        return 2
-    if sensor == SensorIndex.GNSS_TRAILER:
-        psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-        psi_d = psi_i + x[AugmentedState.DELTA_I]
-        a = parameters[VehicleParameter.HITCH_OFFSET]
-        d = parameters[VehicleParameter.DRAWBAR_LENGTH]
-        length_i = parameters[VehicleParameter.TRAILER_LENGTH]
-        drawbar_x, drawbar_y = d * math.sin(psi_d), -d * math.cos(psi_d)
-        trailer_x, trailer_y = length_i * math.sin(psi_i), -length_i * math.cos(psi_i)
-        tractor_x, tractor_y = a * math.sin(psi_t), -a * math.cos(psi_t)
-        reading[0] = x[AugmentedState.X] + tractor_y + drawbar_y + trailer_y + error_x
-        reading[1] = x[AugmentedState.Y] - tractor_x - drawbar_x - trailer_x + error_y
-        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = 1.0
-        jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
-        jacobian[0, AugmentedState.PSI_T] = tractor_x
-        jacobian[1, AugmentedState.PSI_T] = tractor_y
-        jacobian[0, AugmentedState.PSI_I] = drawbar_x + trailer_x
-        jacobian[1, AugmentedState.PSI_I] = drawbar_y + trailer_y
-        jacobian[0, AugmentedState.DELTA_I] = drawbar_x
-        jacobian[1, AugmentedState.DELTA_I] = drawbar_y
-        return 2
-    if sensor == SensorIndex.HITCH:
-        psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
-        reading[0] = psi_t - psi_i - x[AugmentedState.DELTA_I] + x[AugmentedState.OFFSET_HITCH]
-        jacobian[0, AugmentedState.PSI_T] = jacobian[0, AugmentedState.OFFSET_HITCH] = 1.0
-        jacobian[0, AugmentedState.PSI_I] = -1.0
-        jacobian[0, AugmentedState.DELTA_I] = -1.0
-        return 1
-    if sensor == SensorIndex.IMU_TRACTOR or sensor == SensorIndex.IMU_TRAILER:
-        body = sensor - SensorIndex.IMU_TRACTOR
-        psi, past = AugmentedState.PSI_T + body, AugmentedState.PAST_T + body
-        bias = AugmentedState.GYRO_T + body
-        reading[0] = x[psi] - x[past] + span_s * x[bias]
-        jacobian[0, psi], jacobian[0, past], jacobian[0, bias] = 1.0, -1.0, span_s
-        return 1
-    if sensor == SensorIndex.STEERING_TRACTOR:
-        entry = AugmentedState.DELTA_T
-    elif sensor == SensorIndex.STEERING_TRAILER:
-        entry = AugmentedState.DELTA_I
-    else:
-        entry = AugmentedState.RIM
-    reading[0] = x[entry]
-    jacobian[0, entry] = 1.0
-    if entry == AugmentedState.DELTA_I:
-        share = 1.0 - parameters[VehicleParameter.JOINT]
-        reading[0] += share * x[AugmentedState.OFFSET_I]
-        jacobian[0, AugmentedState.OFFSET_I] = share
-    return 1
-
-
-LENGTH: Final = {
-    Sensor.GNSS_TRACTOR: 2,
-    Sensor.GNSS_TRAILER: 2,
-    Sensor.STEERING_TRACTOR: 1,
-    Sensor.STEERING_TRAILER: 1,
-    Sensor.HITCH: 1,
-    Sensor.ENCODER: 1,
-}
-"""Entries of a sample of each sensor with a model, in the order of `SensorIndex`.
-
-Estimators ignore the samples of all others, but for the yaw rates of IMUs."""
+            transition[j, j] = 1.0 + fading[j - STATES] * transition[j, j] / term

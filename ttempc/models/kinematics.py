@@ -27,7 +27,9 @@ def trailer_point(state: FloatArray, vehicle: Vehicle) -> FloatArray:
     """Return the trailer point p_i = p_t - a e(psi_t) - d e(psi_d) - L_i e(psi_i), (2,) [m]."""
     x, y, psi_t, psi_i, _, delta_i, _ = state.tolist()
     psi_d = psi_i + delta_i
-    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    a = vehicle.hitch_offset
+    d = vehicle.drawbar_length
+    length_i = vehicle.trailer_length
     return np.array(
         [
             x - a * math.cos(psi_t) - d * math.cos(psi_d) - length_i * math.cos(psi_i),
@@ -40,8 +42,11 @@ def trailer_point_jacobian(state: FloatArray, vehicle: Vehicle) -> FloatArray:
     """Return d `trailer_point` / d state, (2, 7)."""
     _, _, psi_t, psi_i, _, delta_i, _ = state.tolist()
     psi_d = psi_i + delta_i
-    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
-    drawbar_x, drawbar_y = d * math.sin(psi_d), -d * math.cos(psi_d)
+    a = vehicle.hitch_offset
+    d = vehicle.drawbar_length
+    length_i = vehicle.trailer_length
+    drawbar_x = d * math.sin(psi_d)
+    drawbar_y = -d * math.cos(psi_d)
     jacobian = np.zeros((2, 7))
     jacobian[0, State.X] = jacobian[1, State.Y] = 1.0
     jacobian[:, State.PSI_T] = a * math.sin(psi_t), -a * math.cos(psi_t)
@@ -82,19 +87,28 @@ def articulated(
     _, _, psi_t, psi_i, delta_t, delta_i, v = state.tolist()
     u_t, u_i, hp = inputs.tolist()
     slip_t, slip_i, bias, drive, _ = disturbance.tolist()
-    a, d = vehicle.hitch_offset, vehicle.drawbar_length
+    a = vehicle.hitch_offset
+    d = vehicle.drawbar_length
     lam = psi_t - psi_i
-    cos_t, sin_t, cos_l = math.cos(psi_t), math.sin(psi_t), math.cos(lam)
-    fastest_t, fastest_i = vehicle.steering_rate_t, vehicle.steering_rate_i
+    cos_t = math.cos(psi_t)
+    sin_t = math.sin(psi_t)
+    cos_l = math.cos(lam)
+
+    # Steering angles: a first-order lag of limited rate
+    fastest_t = vehicle.steering_rate_t
+    fastest_i = vehicle.steering_rate_i
     rate_t = min(max((u_t - delta_t) / vehicle.steering_lag_t, -fastest_t), fastest_t)
     rate_i = min(max((u_i - delta_i) / vehicle.steering_lag_i, -fastest_i), fastest_i)
+
+    # Yaw rates: `across` is the velocity of RJ1 across the trailer, less the trailer's side slip
     yaw_t = v * math.tan(delta_t + bias) / vehicle.wheelbase
     across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
     cos_i = math.cos(delta_i)
     length_i = vehicle.trailer_length + vehicle.trailer_turning_offset
     yaw_i = (across - d * rate_i * cos_i) / (length_i + d * cos_i)
     acceleration = (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant + drive
-    v_x, v_y = v * (cos_t - slip_t * sin_t), v * (sin_t + slip_t * cos_t)
+    v_x = v * (cos_t - slip_t * sin_t)
+    v_y = v * (sin_t + slip_t * cos_t)
     return np.array([v_x, v_y, yaw_t, yaw_i, rate_t, rate_i, acceleration])
 
 
@@ -131,8 +145,14 @@ def tracking_error(
     x_r, y_r, psi_t_r, psi_i_r, _, _, v_r = reference_state.tolist()
     x_i, y_i = trailer_xy.tolist()
     x_i_r, y_i_r = reference_trailer_xy.tolist()
-    dx, dy, cos, sin = x_r - x, y_r - y, math.cos(psi_t), math.sin(psi_t)
-    dx_i, dy_i, cos_i, sin_i = x_i_r - x_i, y_i_r - y_i, math.cos(psi_i), math.sin(psi_i)
+    dx = x_r - x
+    dy = y_r - y
+    cos = math.cos(psi_t)
+    sin = math.sin(psi_t)
+    dx_i = x_i_r - x_i
+    dy_i = y_i_r - y_i
+    cos_i = math.cos(psi_i)
+    sin_i = math.sin(psi_i)
     return np.array(
         [
             cos * dx + sin * dy,

@@ -10,7 +10,7 @@ from ..errors import InvalidTuning
 from ..types import FloatArray
 
 _TAYLOR_TERMS = 15
-_BLOCK = 64  # matrices at a time: a long reference needs little memory beside the result
+_BLOCK = 64  # matrices at a time: a long reference needs little more memory than its result
 
 
 def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
@@ -19,7 +19,8 @@ def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[Floa
     They are blocks of the exponential of [[A, B], [0, 0]] (Van Loan 1978), for `a` A (N, r, n) and
     `b` B (N, r, m), whose rows after the r-th are 0.
     """
-    (count, r, m), n = b.shape, a.shape[2]
+    count, r, m = b.shape
+    n = a.shape[2]
 
     def block(first: int) -> FloatArray:
         part = slice(first, first + _BLOCK)
@@ -31,10 +32,12 @@ def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[Floa
     starts = range(0, count, _BLOCK)
     # one norm for all samples: the result of a sample does not depend on its block
     norm = max((float(np.abs(block(k)).sum(axis=-1).max()) for k in starts), default=0.0)
-    a_d, b_d = np.empty((count, n, n)), np.empty((count, n, m))
+    a_d = np.empty((count, n, n))
+    b_d = np.empty((count, n, m))
     for k in starts:
         exponential = _exponential(block(k), norm)
-        a_d[k : k + _BLOCK], b_d[k : k + _BLOCK] = exponential[:, :n, :n], exponential[:, :n, n:]
+        a_d[k : k + _BLOCK] = exponential[:, :n, :n]
+        b_d[k : k + _BLOCK] = exponential[:, :n, n:]
     return a_d, b_d
 
 
@@ -83,7 +86,8 @@ def riccati_gains(
             value = solve_discrete_are(a[-1], b[-1], state_cost[-1], weight)
         except np.linalg.LinAlgError as error:
             raise InvalidTuning(f"no regulator stabilises the last stage: {error}") from None
-    n, both = a.shape[2], np.concatenate([a[: len(b)], b], axis=2)
+    n = a.shape[2]
+    both = np.concatenate([a[: len(b)], b], axis=2)
     gains = np.empty((len(b), b.shape[2], n))
     for k in reversed(range(len(b))):
         # [A B]'P[A B] has all products; numpy's own `solve` would take half of the time.

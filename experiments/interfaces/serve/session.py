@@ -10,7 +10,8 @@ from typing import Final
 
 from ttempc.detectors.interface import Alarm, Observation, Reaction
 from ttempc.guidance.guidance import Guidance
-from ttempc.guidance.supervisor import SafetyLimits, run_on
+from ttempc.guidance.safety import SafetyLimits
+from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Projection
 from ttempc.reference.reference import Reference
 from ttempc.types import Command, Estimate, Input, State

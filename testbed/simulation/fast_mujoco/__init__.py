@@ -17,12 +17,12 @@ differ by more than 1e-9, one line is logged and every plant of the process take
     motion     order of the functions in      another stage in a step, or   self-check,
                `mj_step`; sums of forces,     another sum                   test_compiled_steps
                of `implicitfast`
-    contacts,  a step without contacts and    another source of             self-check (limits),
-    clearance  limits has no constraint       constraints                   test_compiled_steps
+    contacts,  a step without contacts and    another source of             test_compiled_steps,
+    clearance  limits has no constraint       constraints                   self-check in part
 
 To switch all of it off: `TTEMPC_PLAIN=1` in the environment. Steps are then those of `mj_step2` and
-`mj_step1`, called from Python (`plain_steps`), as they are under `NUMBA_DISABLE_JIT=1`; a run takes
-about three times as long.
+`mj_step1`, called from Python (`plain_steps`), as they are under `NUMBA_DISABLE_JIT=1`; the physics
+takes about three times as long.
 
 An error inside MuJoCo, such as a lack of memory for its stack, ends the process here, because no
 Python stands between. A state that is not finite is found when the call has ended.

@@ -22,6 +22,7 @@ from ttempc.types import FloatArray
 from ...bodies import row_vector
 from ...ground.ground import Ground
 from ...ground.surface import Grid, Surface
+from ...kernel_options import KERNEL
 
 MOTION_M: Final = 0.2  # largest motion between two checks of the shapes
 TILE_M: Final = 0.5
@@ -37,7 +38,7 @@ PLANE: Final = np.dtype(
 )
 """Plane above the ground of a tile."""
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False)
+_kernel = cached_njit(**KERNEL)
 
 
 class Chassis(NamedTuple):
@@ -59,14 +60,14 @@ class Chassis(NamedTuple):
         surface = Surface.of(ground)
         field = model.geom("ground").id
         shapes = np.flatnonzero(model.geom_conaffinity & model.geom_contype[field])
-        boxes = np.array([_rounded_box(model, shape, field) for shape in shapes.tolist()])
+        boxes = [_rounded_box(model, shape, field) for shape in shapes.tolist()]
         rows, columns = (int(np.ceil(side / TILE_M)) for side in reversed(ground.terrain.size_m))
         return cls(
             centres=data.geom_xpos,
             axes=data.geom_xmat,
             shapes=shapes,
-            halves=boxes[:, :3].copy(),
-            radii=boxes[:, 3].copy(),
+            halves=np.array([halves for halves, _ in boxes]),
+            radii=np.array([radius for _, radius in boxes]),
             reach=float(model.geom_rbound[shapes].max()),
             heights=surface.heights,
             grid=surface.grid,
@@ -165,24 +166,26 @@ def _put_plane(chassis: Chassis, row: int, column: int) -> None:
     plane.known = 1.0
 
 
-def _rounded_box(model: mujoco.MjModel, shape: int, ground: int) -> list[float]:
-    """Return half lengths and radius of a rounded box that holds a shape, (4,) [m]."""
+def _rounded_box(
+    model: mujoco.MjModel, shape: int, ground: int
+) -> tuple[tuple[float, float, float], float]:
+    """Return half lengths and radius of a rounded box that holds a shape [m]."""
     a, b, c = model.geom_size[shape].tolist()
     margin = float(model.geom_margin[shape] + model.geom_margin[ground])
     match model.geom_type[shape]:
         case mujoco.mjtGeom.mjGEOM_BOX:
-            return [a, b, c, margin]
+            return (a, b, c), margin
         case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            return [0.0, 0.0, b, a + margin]
+            return (0.0, 0.0, b), a + margin
         case _:
-            return [0.0, 0.0, 0.0, float(model.geom_rbound[shape]) + margin]
+            return (0.0, 0.0, 0.0), float(model.geom_rbound[shape]) + margin
 
 
 def reaches_of(model: mujoco.MjModel, shapes: NDArray[np.int64]) -> FloatArray:
     """Return how far a unit of each degree of freedom moves a point of the chassis at most, (nv,).
 
     A rotation moves it by its distance from the joint's anchor: at most the sum of the offsets
-    between the bodies on the way, and the reach of the shape.
+    between the bodies up to the root, and the reach of the shape.
     """
     reaches = np.zeros(model.nv)
     for shape in shapes:

@@ -17,6 +17,7 @@ from ttempc.jit import cached_njit, record
 from ttempc.types import FloatArray
 
 from ...ground.ground import Ground
+from ...kernel_options import INLINED, KERNEL
 from .clearance import Chassis, clearance, reaches_of
 from .library import mj_step1
 from .motion import Dynamics, update_kinematics
@@ -31,7 +32,8 @@ MEMORY: Final = np.dtype(
 
 _UNUSED: Final = int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False)
+_kernel = cached_njit(**KERNEL)
+_inlined = cached_njit(**INLINED)
 
 
 class ContactWatch(NamedTuple):
@@ -72,7 +74,7 @@ class ContactWatch(NamedTuple):
         )
 
 
-@_kernel
+@_inlined
 def begin_watch(watch: ContactWatch, qpos: FloatArray) -> None:
     """Begin a call: forget what was known where the positions were changed since the last one."""
     watch.given_flags[0] = watch.flags[0]
@@ -84,7 +86,7 @@ def begin_watch(watch: ContactWatch, qpos: FloatArray) -> None:
         memory.unconstrained = 0.0
 
 
-@_kernel
+@_inlined
 def end_watch(watch: ContactWatch, qpos: FloatArray) -> None:
     """End a call: give the flags back, remember the positions."""
     watch.flags[0] = watch.given_flags[0]
@@ -92,7 +94,7 @@ def end_watch(watch: ContactWatch, qpos: FloatArray) -> None:
         watch.positions[place] = qpos[place]
 
 
-@_kernel
+@_inlined
 def is_unconstrained(watch: ContactWatch) -> bool:
     """Return whether the present state has neither contacts nor joints at their limits."""
     return record(watch.memory, MEMORY).unconstrained > 0.0
@@ -119,7 +121,7 @@ def update_positions(watch: ContactWatch, dynamics: Dynamics) -> None:
     memory.unconstrained = 1.0 if absent else 0.0
 
 
-@_kernel
+@_inlined
 def _largest_speed(watch: ContactWatch, qvel: FloatArray) -> float:
     """Return an upper bound of the speed of any point of the chassis [m/s]."""
     speed = 0.0
@@ -128,7 +130,7 @@ def _largest_speed(watch: ContactWatch, qvel: FloatArray) -> float:
     return speed
 
 
-@_kernel
+@_inlined
 def _within_limits(watch: ContactWatch, qpos: FloatArray) -> bool:
     for joint in range(watch.limited.size):
         angle = qpos[watch.limited[joint]]

@@ -19,6 +19,7 @@ from ttempc.jit import FAST, cached_njit
 from ttempc.types import FloatArray
 
 from ...bodies import Bodies, row_vector
+from ...kernel_options import INLINED, KERNEL
 from ...vectors import add, cross, subtract
 from .library import (
     mj_com_pos,
@@ -39,7 +40,8 @@ EXPLICIT: Final = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 _VEHICLE: Final = 1  # body whose subtree is the vehicle
 _VELOCITY_GAIN: Final = 2  # place in the bias of an actuator
 
-_kernel = cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST)
+_kernel = cached_njit(**KERNEL, fastmath=FAST)
+_inlined = cached_njit(**INLINED, fastmath=FAST)
 
 
 class Transmission(NamedTuple):
@@ -151,7 +153,7 @@ def update_kinematics(dynamics: Dynamics) -> None:
     mj_rne(dynamics.model, dynamics.data, 0, forces.bias.ctypes.data)
 
 
-@_kernel
+@_inlined
 def _write_actuator_motion(dynamics: Dynamics) -> None:
     """Write lengths and speeds of the actuators, which act on joints of one coordinate."""
     transmission = dynamics.transmission
@@ -204,7 +206,7 @@ def move(dynamics: Dynamics, unconstrained: bool) -> None:
     mj_euler(model, data)
 
 
-@_kernel
+@_inlined
 def _write_smooth_forces(dynamics: Dynamics) -> None:
     """Write the sum of all forces but those of constraints.
 
@@ -237,7 +239,7 @@ def _write_smooth_forces(dynamics: Dynamics) -> None:
         forces.smooth[dof] = total
 
 
-@_kernel
+@_inlined
 def _add_dampers_to_inertia(dynamics: Dynamics) -> None:
     """Add the time step times the dampers to the diagonal of the inertia."""
     inertia = dynamics.inertia

@@ -27,8 +27,8 @@ encoder_dead; encoder_scaled factor = 2.0; samples_duplicated; stamps_backward;
 stamps_shifted offset_s = -0.3; commands_lost; commands_late delay_s = 0.4; front_steering_stuck;
 trailer_steering_stuck; hydrostat_stuck; front_steering_slow rate_degps = 0.5;
 trailer_steering_slow rate_degps = 0.5; front_steering_hard_over side = 'left';
-trailer_steering_hard_over side = 'right'; front_steering_play play_deg = 2.0;
-trailer_steering_play play_deg = 2.0; hydrostat_cut; hydrostat_sluggish time_constant_s = 2.0;
+trailer_steering_hard_over side = 'right'; front_steering_play backlash_deg = 2.0;
+trailer_steering_play backlash_deg = 2.0; hydrostat_cut; hydrostat_sluggish time_constant_s = 2.0;
 front_steering_free; trailer_steering_free; load_shift left_m = 0.1;
 tyre_flat wheel = 'trailer_left'; gust force_n = 800.0, direction_deg = 90.0;
 stone wheel = 'front_left', impulse_ns = 200.0
@@ -101,7 +101,7 @@ def test_a_fault_that_cannot_act_is_refused_before_the_run():
         ("kind='gnss_out', start_s=2.05, duration_s=0.1", "gnss_tractor"),
         ("kind='commands_lost', start_s=2.05, duration_s=0.1", "no command"),
         ("kind='front_steering_slow', start_s=2.0, rate_degps=90.0", "rate_degps"),
-        ("kind='trailer_steering_play', start_s=2.0, play_deg=80.0", "play_deg"),
+        ("kind='trailer_steering_play', start_s=2.0, backlash_deg=80.0", "backlash_deg"),
         ("kind='load_shift', start_s=2.0", "left_m and forward_m are 0"),
         ("kind='load_shift', start_s=2.0, left_m=3.0", "half the box"),
         ("kind='tyre_flat', start_s=2.0, wheel='rear_left', radius_loss_m=0.4", "half the radius"),

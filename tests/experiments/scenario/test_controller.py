@@ -4,8 +4,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from proving_ground.experiments.errors import InvalidFit
-from proving_ground.experiments.run.assembly import check
+from proving_ground.experiments.errors import InvalidFit, InvalidScenario
+from proving_ground.experiments.run.assembly import assemble, check
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.controller import NoiseSettings
 from proving_ground.experiments.scenario.scenario import dump, load
@@ -14,6 +14,7 @@ from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASURE
 
 from tests.experiments.study_files import SHORT as SHORT_STUDY
 from tests.experiments.study_files import plan_of
+from ttempc.detectors.table import BUILT_IN
 from ttempc.errors import InvalidTube
 from ttempc.estimation.noise import SensorNoise
 from ttempc.guidance.controllers import CONTROLLERS
@@ -46,6 +47,23 @@ def test_a_resolved_scenario_has_every_option_and_loads_again(tmp_path):
         assert set(scenario.controller.options) == names
         file.write_text(dump(scenario))
         assert load(str(file))[1] == scenario
+
+
+@pytest.mark.parametrize("detect", ["true", "false", '["-drift"]', '["motion", "wheels"]'])
+def test_detectors_are_chosen_by_name_in_a_scenario_that_loads_again(tmp_path, detect):
+    scenario = load("grass", [SHORT, f"controller.detect={detect}"])[1]
+    file = tmp_path / "again.toml"
+    file.write_text(dump(scenario))
+    assert load(str(file))[1] == scenario
+    guidance = assemble(scenario, 3).guidance
+    assert len(guidance.detectors) == (0 if detect == "false" else len(BUILT_IN))
+
+
+@pytest.mark.parametrize("wrong", ['["drifts"]', '["-"]', '["motion", "-wheel"]', "[3]", "3"])
+def test_a_detector_that_does_not_exist_is_refused_in_one_line(wrong):
+    with pytest.raises(InvalidScenario, match=r"controller\.detect") as failure:
+        load("grass", [f"controller.detect={wrong}"])
+    assert "\n" not in str(failure.value)
 
 
 def test_options_replace_their_defaults_and_belong_to_the_controller_that_is_named(tmp_path):

@@ -13,12 +13,12 @@ from ttempc.models.augmented_state import (
     SIZE,
     STATES,
     AugmentedState,
-    SensorIndex,
-    measure,
     vehicle_parameters,
     write_estimate,
 )
 from ttempc.models.kinematics import articulated
+from ttempc.models.measurement import measure
+from ttempc.sensors import SensorIndex
 from ttempc.types import Disturbance, Estimate, FloatArray, Input, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -28,7 +28,7 @@ class Slips(NamedTuple):
 
     tractor: float  # [rad] side slip of the rear axle
     trailer: float  # [rad] side slip of the trailer axle
-    wheel: float  # wheel slip 1 - v / rim
+    wheel: float  # wheel slip 1 - v / wheel_speed
 
 
 def slips(augmented: FloatArray) -> Slips:
@@ -36,8 +36,10 @@ def slips(augmented: FloatArray) -> Slips:
 
     e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`.
     """
-    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, gx, gy, cx, cy = augmented[:16]
-    gear = copysign(1.0, rim)
+    _, _, psi_t, psi_i, _, _, wheel_speed, slip_t, slip_i, _, _, wheel, gx, gy, cx, cy = augmented[
+        :16
+    ]
+    gear = copysign(1.0, wheel_speed)
     return Slips(
         tractor=slip_t + gear * (gy * cos(psi_t) - gx * sin(psi_t)),
         trailer=slip_i + gear * (gy * cos(psi_i) - gx * sin(psi_i)),
@@ -58,7 +60,7 @@ def estimate_of(
 def augmented_rate(augmented: FloatArray, inputs: FloatArray, vehicle: Vehicle) -> FloatArray:
     """Return the time derivative (18,) of an augmented state (18,) under `inputs` (3,).
 
-    `articulated` with the total slips, v = rim (1 - s) and rim' = (K hp - rim) / tau + w;
+    `articulated` with the total slips, v = v_w (1 - s) and v_w' = (K hp - v_w) / tau + w;
     disturbances are constant.
     """
     total = slips(augmented)
@@ -70,9 +72,9 @@ def augmented_rate(augmented: FloatArray, inputs: FloatArray, vehicle: Vehicle) 
     disturbance[Disturbance.STEERING] = augmented[AugmentedState.STEERING]
     rate = np.zeros(SIZE)
     rate[:STATES] = articulated(state, inputs, vehicle, disturbance)
-    rim, drive = augmented[AugmentedState.RIM], augmented[AugmentedState.DRIVE]
+    wheel_speed, drive = augmented[AugmentedState.WHEEL_SPEED], augmented[AugmentedState.DRIVE]
     steady = vehicle.speed_gain * inputs[Input.HP]
-    rate[AugmentedState.RIM] = (steady - rim) / vehicle.speed_time_constant + drive
+    rate[AugmentedState.WHEEL_SPEED] = (steady - wheel_speed) / vehicle.speed_time_constant + drive
     return rate
 
 
@@ -95,7 +97,7 @@ def density(
     -w d cos(delta_i) / (L_i + d cos(delta_i)), as in `articulated`.
     """
     psi_t, rate = x[AugmentedState.PSI_T], noise.rates(sensors)
-    rate = np.array([1.0, *scales]) @ (rate[0] + abs(x[AugmentedState.RIM]) * rate[1])
+    rate = np.array([1.0, *scales]) @ (rate[0] + abs(x[AugmentedState.WHEEL_SPEED]) * rate[1])
     acts_on = np.eye(SIZE)
     acts_on[:2, :2] = [[cos(psi_t), -sin(psi_t)], [sin(psi_t), cos(psi_t)]]
     drawbar = vehicle.drawbar_length * cos(x[AugmentedState.DELTA_I])

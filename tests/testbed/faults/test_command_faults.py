@@ -52,8 +52,8 @@ SENT = np.array([command(time_s).as_array() for time_s in TIMES])
         ("trailer_steering_hard_over", 1, {"side": "right"}),
         ("front_steering_slow", 0, {"rate_degps": 3.0}),
         ("trailer_steering_slow", 1, {"rate_degps": 3.0}),
-        ("front_steering_play", 0, {"play_deg": 1.0}),
-        ("trailer_steering_play", 1, {"play_deg": 1.0}),
+        ("front_steering_play", 0, {"backlash_deg": 1.0}),
+        ("trailer_steering_play", 1, {"backlash_deg": 1.0}),
         ("hydrostat_cut", 2, {}),
         ("hydrostat_sluggish", 2, {"time_constant_s": 0.5}),
     ],
@@ -74,7 +74,7 @@ def test_valves_have_their_closed_forms():
     np.testing.assert_array_equal(over[INSIDE, 1], -STOPS[1])
     slow = set_points({"kind": "front_steering_slow", "rate_degps": 3.0})  # 0.2 rad/s asked for
     np.testing.assert_allclose(np.diff(slow[INSIDE, 0]) / DT, math.radians(3.0))
-    behind = (SENT - set_points({"kind": "front_steering_play", "play_deg": 1.0}))[INSIDE, 0]
+    behind = (SENT - set_points({"kind": "front_steering_play", "backlash_deg": 1.0}))[INSIDE, 0]
     np.testing.assert_allclose(behind[10:], math.radians(0.5))
     assert not set_points({"kind": "hydrostat_cut"})[INSIDE, 2].any()
 

@@ -16,7 +16,7 @@ from proving_ground.testbed.sensing.sensors import SensorSuite
 
 from tests.testbed.truths import moments, truth
 from ttempc.layout import measurements_of
-from ttempc.models.augmented_state import LENGTH
+from ttempc.sensors import ROW_OF
 from ttempc.types import Sensor
 
 DT, EVERY = 0.02, 10  # five samples a second of each sensor
@@ -39,7 +39,7 @@ SENSORS = SensorSpecification(  # without noise, five samples a second of each
 
 def value(sensor, time_s):
     first = list(Sensor).index(sensor) + 0.1 * time_s
-    return tuple(first + 10.0 * k for k in range(LENGTH.get(sensor, 3)))
+    return tuple(first + 10.0 * k for k in range(ROW_OF[sensor].length))
 
 
 def delivered(seed=1, **keys):

@@ -108,6 +108,21 @@ def test_correlation_of_the_logarithm_falls_by_e_over_the_correlation_length(axi
         assert error < 0.03
 
 
+@pytest.mark.parametrize(("size_m", "spacing_m"), [((12.2, 10.0), 0.2), ((15.25, 10.0), 0.25)])
+def test_opposite_edges_of_a_random_field_do_not_correlate(size_m, spacing_m):
+    """The torus on which a field is drawn is wider than the field by four correlation lengths."""
+    field = terrain.flat(size_m, spacing_m)
+    edges = []
+    for seed in range(60):
+        logarithm = np.log(drawn(seed, correlation_m=2.0, field=field).values)
+        edges.append(logarithm[:, [0, 1, -1]])
+    first, neighbour, last = np.concatenate(edges).T
+    assert abs(np.corrcoef(first, last)[0, 1]) < 0.15
+    assert np.corrcoef(first, neighbour)[0, 1] == pytest.approx(
+        math.exp(-spacing_m / 2.0), abs=0.05
+    )
+
+
 # --- map -------------------------------------------------------------------------------------
 
 

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from tests.testbed.truths import moments, truth
 from ttempc.layout import measurements_of
-from ttempc.models.augmented_state import LENGTH
+from ttempc.sensors import STARTING_SENSORS
 from ttempc.types import Sensor
 
 SPEEDS = {"speed": 1.0, "wheel_speed": 1.1}
@@ -60,14 +60,14 @@ def test_every_sensor_keeps_its_own_rate():
 
 def test_the_paper_s_samples_are_truth_plus_white_noise_bit_for_bit():
     values = collect(SensorSpecification(), seed=4, steps=500)
-    exact = dict.fromkeys(LENGTH, (0.0,)) | {
+    exact = dict.fromkeys(STARTING_SENSORS, (0.0,)) | {
         Sensor.GNSS_TRACTOR: (0.0, 0.0),
         Sensor.GNSS_TRAILER: (-2.4, 0.0),
         Sensor.ENCODER: (1.1,),
     }
-    sd = dict.fromkeys(LENGTH, math.radians(1.0)) | dict.fromkeys(GNSS, 0.03)
+    sd = dict.fromkeys(STARTING_SENSORS, math.radians(1.0)) | dict.fromkeys(GNSS, 0.03)
     sd[Sensor.ENCODER] = 0.1
-    for sensor in LENGTH:
+    for sensor in STARTING_SENSORS:
         rng = generator(4, f"sensor/{sensor}")
         plain = [
             [value + sd[sensor] * rng.standard_normal() for value in exact[sensor]]
@@ -95,7 +95,7 @@ REST = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH, Sensor.E
         ({"gnss_error": "non-gaussian"}, REST),
         ({"gnss_error": "street"}, REST),
         ({"gnss_antenna": "raw"}, REST),
-        ({"imu": ImuSpecification(on=True)}, tuple(LENGTH)),
+        ({"imu": ImuSpecification(on=True)}, STARTING_SENSORS),
     ],
 )
 def test_each_sensor_has_a_stream_of_its_own(change, untouched):

@@ -123,14 +123,16 @@ def test_a_copy_goes_on_as_the_original():
 def test_after_resume_an_imu_is_used_whatever_else_is_excluded():
     """An alarm of the hitch angle excludes both IMUs until then; later the encoder is stuck."""
     monitors, rng = Monitors(), np.random.default_rng(8)
-    imu = Measurement(0.0, Sensor.IMU_TRACTOR, (0.0, 0.0, 0.0))
+    imus = (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)
+    hitch = Measurement(0.0, Sensor.HITCH, (0.0,))
+    received = sample_rows([hitch, *(Measurement(0.0, imu, (0.0, 0.0, 0.0)) for imu in imus)])
     for k in range(120):
         seen = moving(k, k * PERIOD_S, slip_t=0.2 if 50 <= k < 60 else 0.0)
         values = rng.normal(1.0, 0.1, 5).tolist() if k < 100 else [1.0] * 5
         samples = readings(k, values, Sensor.ENCODER)
         alarms = observed(monitors, replace(seen, samples=samples))
         if k == 60:
-            assert not len(monitors.usable(sample_rows([imu])))
+            assert not len(monitors.usable(received))
             monitors.resume(np.zeros(4))
     assert [alarm.unused for alarm in alarms] == [{Sensor.ENCODER}]
-    assert len(monitors.usable(sample_rows([imu]))) == 1
+    assert len(monitors.usable(received)) == 3

@@ -3,10 +3,18 @@
 import numpy as np
 import pytest
 
-from tests.ttempc.detectors.observed import PERIOD_S, VEHICLE, Alone, observation, speeds
+from tests.ttempc.detectors.observed import (
+    PERIOD_S,
+    VEHICLE,
+    Alone,
+    observation,
+    observed,
+    speeds,
+)
 from ttempc.detectors.interface import Reaction
-from ttempc.detectors.table import DetectorIndex
-from ttempc.types import Command, Sensor
+from ttempc.detectors.monitors import Monitors
+from ttempc.detectors.table import BUILT_IN, DetectorIndex
+from ttempc.types import Command, Innovation, Sensor
 
 
 @pytest.mark.parametrize(
@@ -49,3 +57,23 @@ def test_a_vehicle_that_does_not_obey_its_hydrostat(stops):
         noticed += [k] if monitor.alarm(seen) else []
     assert bool(noticed) is stops
     assert not stops or 30 < noticed[0] < 30 + round(4.0 / PERIOD_S)  # the hydrostat's lag is 2 s
+
+
+@pytest.mark.parametrize("contradicting", [0, 1, 2])
+def test_an_alarm_of_motion_lasts_while_both_receivers_contradict_the_estimate(contradicting):
+    """The hydrostat is at 0 from tick 30 to 45, and the vehicle drives on; then they agree."""
+    receivers = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
+    names = [BUILT_IN[DetectorIndex.MOTION].name]
+    names += [BUILT_IN[DetectorIndex.INNOVATIONS_GNSS_TRACTOR + n].name for n in range(2)]
+    rng, monitors = np.random.default_rng(6), Monitors(names)
+    hp, place, last = 1.0 / VEHICLE.speed_gain, 0.0, 0
+    for k in range(140):
+        place += PERIOD_S
+        command = Command(0.0, 0.0, 0.0 if 30 <= k < 45 else hp)
+        squares = [99.0 if n < contradicting and 40 <= k < 120 else 1.0 for n in range(2)]
+        named = zip(receivers, squares, strict=True)
+        given = [Innovation(sensor, square, 2) for sensor, square in named for _ in range(3)]
+        seen = observation(k, speeds(k, 1.0, place, rng), command, given)
+        alarms = {alarm.detector for alarm in observed(monitors, seen)}
+        last = k if "motion" in alarms else last
+    assert (120 <= last < 130) if contradicting == 2 else (40 < last < 90)

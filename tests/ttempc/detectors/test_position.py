@@ -8,6 +8,7 @@ import pytest
 from tests.ttempc.detectors.observed import PERIOD_S, Alone, moving, observed, readings
 from ttempc.detectors.interface import Reaction
 from ttempc.detectors.monitors import Monitors
+from ttempc.detectors.position import _without_spin
 from ttempc.detectors.table import BUILT_IN, DetectorIndex
 from ttempc.types import Sensor
 
@@ -36,6 +37,16 @@ def test_the_bound_of_a_jump_is_a_quarter_of_a_metre_and_12_cm_at_a_roughness_of
         monitor.alarm(moving(k, k * PERIOD_S, slip_t=1e-9))
     alarm = monitor.alarm(moving(60, 60 * PERIOD_S + jump_m, slip_t=1e-9))
     assert bool(alarm) is noticed
+
+
+@pytest.mark.parametrize(("left_m", "ends"), [(0.12, False), (0.06, True)])
+def test_a_jump_has_ended_where_less_than_a_quarter_of_the_bound_of_37_cm_is_left(left_m, ends):
+    """The position jumps by half a metre at tick 60, and back but for a rest at tick 80."""
+    monitor = Alone(DetectorIndex.POSITION)
+    for k in range(120):
+        jump_m = left_m if k >= 80 else 0.5 if k >= 60 else 0.0
+        alarm = monitor.alarm(moving(k, k * PERIOD_S + jump_m, slip_t=1e-9))
+        assert bool(alarm) is (60 <= k < 80 or (k >= 80 and not ends))
 
 
 def test_a_position_that_was_uncertain_may_come_back():
@@ -89,3 +100,14 @@ def test_an_uncertain_position_is_an_alarm_while_a_sensor_is_excluded(stuck):
         object.__setattr__(seen, "samples", readings(k, values, Sensor.HITCH))
         found |= {(alarm.detector, alarm.reaction) for alarm in observed(monitors, seen)}
     assert (("protection level", Reaction.SLOW) in found) is stuck
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+@pytest.mark.parametrize("distance", [0.3, -0.3])
+def test_wheels_that_spin_lose_at_most_their_own_distance(yaw, distance):
+    """An offset ahead or to the side stays; one back is taken off, no more than the distance."""
+    ahead = math.copysign(1.0, distance) * np.array([math.cos(yaw), math.sin(yaw)])
+    left = np.array([-math.sin(yaw), math.cos(yaw)])
+    for along, remains in ((-0.2, 0.0), (-0.3, 0.0), (-1.0, -0.7), (0.4, 0.4)):
+        found = _without_spin(*(along * ahead + 0.1 * left), yaw, distance)
+        np.testing.assert_allclose(found, remains * ahead + 0.1 * left, atol=1e-12)

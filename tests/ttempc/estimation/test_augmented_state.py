@@ -16,22 +16,24 @@ from tests.reference.estimation.augmented_state import (
 )
 from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
-from ttempc.estimation import filter as kernels
+from ttempc.estimation.filter.correct import CORRECTION_SIZE, Reading, correct
+from ttempc.estimation.filter.predict import predict, steps_over
+from ttempc.estimation.filter.records import FILTER, SNAPSHOT, filter_parameters
+from ttempc.estimation.filter.start import initial_snapshot
 from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
     INITIAL_SD,
-    LENGTH,
     SIZE,
     STATES,
     AugmentedState,
-    SensorIndex,
     advance_augmented_state,
     state_rate,
     state_rate_jacobian,
     vehicle_parameters,
 )
 from ttempc.models.kinematics import articulated
+from ttempc.sensors import STARTING_SENSORS, SensorIndex
 from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -44,7 +46,7 @@ def random_augmented(generator):
     offsets = 0.03, -0.02
     augmented = np.insert(sds * generator.normal(size=SIZE - 2), AugmentedState.OFFSET_I, offsets)
     augmented[AugmentedState.PSI_I] += augmented[AugmentedState.PSI_T]
-    augmented[AugmentedState.RIM] += generator.choice([1.0, -1.0])
+    augmented[AugmentedState.WHEEL_SPEED] += generator.choice([1.0, -1.0])
     return augmented
 
 
@@ -76,19 +78,19 @@ def test_compiled_rate_and_jacobian_are_those_of_the_plain_model(joint):
 def test_the_estimate_moves_the_articulated_model_as_the_augmented_state_does():
     """Rates of the articulated model under the estimate's disturbance are those of the filter.
 
-    At the hydrostat position that keeps the rim speed, where the estimate is exact by definition.
+    At the hydrostat position that keeps the wheel speed, where the estimate is exact by definition.
     """
     generator = np.random.default_rng(72)
     for _ in range(20):
         augmented = random_augmented(generator)
         steady = (
-            augmented[AugmentedState.RIM]
+            augmented[AugmentedState.WHEEL_SPEED]
             - VEHICLE.speed_time_constant * augmented[AugmentedState.DRIVE]
         )
         inputs = near(augmented, generator)
         inputs[2] = steady / VEHICLE.speed_gain
         estimate = estimate_of(augmented, np.eye(SIZE), 0.0, VEHICLE)
-        slip = 1.0 - estimate.state[State.V] / augmented[AugmentedState.RIM]
+        slip = 1.0 - estimate.state[State.V] / augmented[AugmentedState.WHEEL_SPEED]
         assert estimate.disturbance[Disturbance.WHEEL] == pytest.approx(slip, abs=1e-12)
         step = 1e-6
         after = augmented + step * augmented_rate(augmented, inputs, VEHICLE)
@@ -119,7 +121,7 @@ def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative(
     for _ in range(5):
         augmented, command = random_augmented(generator), np.array([0.1, -0.1, 0.8])
         valves = (
-            augmented[AugmentedState.DELTA_T : AugmentedState.RIM] + 0.3
+            augmented[AugmentedState.DELTA_T : AugmentedState.WHEEL_SPEED] + 0.3
         )  # out of the valves' reach
 
         def after(x, valves=valves, command=command, transition=None):
@@ -139,16 +141,16 @@ def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative(
             )
             fine += step / 400 * rate
         np.testing.assert_allclose(stepped[:7], fine[:7], atol=1e-7)
-        fading = np.exp(-step * (rates[0] + abs(augmented[AugmentedState.RIM]) * rates[1]))
+        fading = np.exp(-step * (rates[0] + abs(augmented[AugmentedState.WHEEL_SPEED]) * rates[1]))
         np.testing.assert_allclose(stepped[7:SIZE], fading * augmented[7:], rtol=1e-3)
         numeric = central_differences(lambda x, run=after: run(x)[:SIZE], augmented)
-        # The transition neglects that fading depends on the rim speed: 1e-5 of a disturbance.
+        # The transition neglects that fading depends on the wheel speed: 1e-5 of a disturbance.
         np.testing.assert_allclose(transition[:, :SIZE], numeric, atol=5e-4)
 
 
 def samples(augmented, generator, time_s):
     measurements = []
-    for sensor in LENGTH:
+    for sensor in STARTING_SENSORS:
         value = predicted_measurement(sensor, augmented, VEHICLE)[0]
         value = value + SensorNoise().of(sensor) * generator.normal(size=len(value))
         measurements.append(Measurement(time_s, sensor, tuple(value.tolist())))
@@ -156,26 +158,23 @@ def samples(augmented, generator, time_s):
 
 
 class Plain:
-    """One moment of a filter, predicted and corrected by the kernels."""
+    """One snapshot of a filter, predicted and corrected by the kernels."""
 
     def __init__(self, readings, sensors, noise, gate):
-        self.parameters = kernels.filter_parameters(VEHICLE, sensors, noise, gate)
-        self.row = kernels.first_moment({m.sensor: m for m in readings}, VEHICLE, sensors, noise)
-        self.now = self.row.view(kernels.MOMENT)[0]
-        self.variance = self.parameters.view(kernels.FILTER)[0]["variances"]
+        self.parameters = filter_parameters(VEHICLE, sensors, noise, gate)
+        self.row = initial_snapshot({m.sensor: m for m in readings}, VEHICLE, sensors, noise)
+        self.now = self.row.view(SNAPSHOT)[0]
+        self.variance = self.parameters.view(FILTER)[0]["variances"]
         self.augmented = self.now["augmented"][:, :SIZE]
         self.covariances = self.now["covariances"][:, :, :SIZE]
 
     def predict(self, command, span_s):
-        kernels.predict(self.parameters, self.row, command, span_s, kernels.steps_over(span_s))
+        predict(self.parameters, self.row, command, span_s, steps_over(span_s))
 
     def correct(self, sample):
         index = int(SensorIndex[sample.sensor.name])
-        value, variance = (sample.value[0], sample.value[-1]), self.variance[index]
-        rows = np.empty((8, 2, WIDTH))
-        return kernels.correct(
-            self.parameters, self.row, index, *value, variance, False, True, rows
-        )
+        reading = Reading(index, sample.value[0], sample.value[-1], self.variance[index])
+        return correct(self.parameters, self.row, reading, False, True, np.empty(CORRECTION_SIZE))
 
 
 def test_the_filter_is_that_of_the_textbook():
@@ -193,7 +192,7 @@ def test_the_filter_is_that_of_the_textbook():
     np.testing.assert_allclose(np.diag(now.covariances[0])[16:18], 0.25 * sensors.gnss**2)
     plain, covariance = now.augmented[0].copy(), now.covariances[0].copy()
     command = np.array(
-        [*now.now["valves"], now.augmented[0, AugmentedState.RIM] / VEHICLE.speed_gain]
+        [*now.now["valves"], now.augmented[0, AugmentedState.WHEEL_SPEED] / VEHICLE.speed_gain]
     )
     step = 0.02
     for k in range(1, 21):
@@ -204,7 +203,7 @@ def test_the_filter_is_that_of_the_textbook():
             plain = plain + step / 100 * augmented_rate(middle, command, VEHICLE)
         middle = 0.5 * (before + plain)
         per_second, per_metre = noise.fading(sensors)
-        fading = -per_second - abs(middle[AugmentedState.RIM]) * per_metre
+        fading = -per_second - abs(middle[AugmentedState.WHEEL_SPEED]) * per_metre
         plain[7:] *= np.exp(step * fading)
         jacobian = central_differences(lambda x: augmented_rate(x, command, VEHICLE), middle)
         transition = expm(step * (jacobian + np.diag([*np.zeros(7), *fading])))
@@ -257,7 +256,7 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
         noise = ProcessNoise(**{name: factor}, scale_sd=1e-4, scale_walk=1e-12)
         now = Plain(samples(augmented, generator, 0.0), SensorNoise(), noise, 1e-12)
         command, likelihood = near(augmented, generator), 0.0
-        command[2] = augmented[AugmentedState.RIM] / VEHICLE.speed_gain
+        command[2] = augmented[AugmentedState.WHEEL_SPEED] / VEHICLE.speed_gain
         for k in range(1, 26):
             now.predict(command, 0.04)
             augmented += 0.04 * augmented_rate(augmented, command, VEHICLE)
@@ -267,7 +266,8 @@ def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
                 spread = by @ now.covariances[0] @ by.T + variance * np.eye(len(by))
                 normalised, *_ = now.correct(sample)
                 likelihood -= 0.5 * (normalised + np.log(np.linalg.det(spread)))
-        learnt, information = now.now["scales"][:, scale]  # hardly more than that of the start
+        learnt = now.now["scales"][scale]
+        information = now.now["information"][scale]  # hardly more than at the start
         score = (learnt - factor) * information / factor**2
         return now, likelihood, score, math.sqrt(information - 1e8) / factor
 

@@ -10,10 +10,11 @@ import pytest
 from tests.reference.estimation.augmented_state import density, predicted_measurement
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.filter import first_state
+from ttempc.estimation.filter.start import first_state
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
-from ttempc.models.augmented_state import LENGTH, SIZE, STATES, AugmentedState
+from ttempc.models.augmented_state import SIZE, STATES, AugmentedState
 from ttempc.models.kinematics import articulated
+from ttempc.sensors import ROW_OF, STARTING_SENSORS
 from ttempc.types import Measurement, State
 from ttempc.vehicle import Vehicle
 
@@ -32,7 +33,7 @@ def augmented_by_zeros(state):
 
 def readings(state, noise=None, generator=None):
     samples = {}
-    for sensor in LENGTH:
+    for sensor in STARTING_SENSORS:
         value, _ = predicted_measurement(sensor, augmented_by_zeros(state), VEHICLE)
         if noise:
             value = value + noise.of(sensor) * generator.normal(size=len(value))
@@ -41,7 +42,7 @@ def readings(state, noise=None, generator=None):
 
 
 @pytest.mark.parametrize("joint", [False, True])
-@pytest.mark.parametrize("sensor", LENGTH)
+@pytest.mark.parametrize("sensor", STARTING_SENSORS)
 def test_jacobians(sensor, joint):
     generator = np.random.default_rng(61)
     for _ in range(20):
@@ -53,7 +54,7 @@ def test_jacobians(sensor, joint):
         )
         reading, exact = predicted_measurement(sensor, augmented, VEHICLE, joint)
         np.testing.assert_allclose(exact, numeric, atol=1e-6)
-        assert len(exact) == len(reading) == LENGTH[sensor]
+        assert len(exact) == len(reading) == ROW_OF[sensor].length
 
 
 def test_first_state_inverts_the_sensors():

@@ -12,7 +12,7 @@ from tests.ttempc.closed_loop import Supervised
 from ttempc.detectors.interface import Alarm, Reaction
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import DeadTimeCompensation, compensated, lead_s
-from ttempc.guidance.supervisor import SafetyLimits
+from ttempc.guidance.safety import SafetyLimits
 from ttempc.jit.rows import WIDTH
 from ttempc.models.augmented_state import (
     SIZE,

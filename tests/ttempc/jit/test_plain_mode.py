@@ -15,7 +15,7 @@ DRIVE = """
 import json, sys
 import numpy as np
 from ttempc import Guidance, Vehicle, figure_eight
-from ttempc.estimation.filter import predict
+from ttempc.estimation.filter.predict import predict
 from ttempc.types import Measurement, Sensor
 
 def drive(controller):

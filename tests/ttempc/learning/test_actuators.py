@@ -1,4 +1,4 @@
-"""Identification of actuators against simulated ones with known dead time, lag and play."""
+"""Identification of actuators against simulated ones with known dead time, lag and backlash."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ttempc.learning.actuators import ActuatorIdentifier, fit_actuator, respond
+from ttempc.learning.actuators import ActuatorIdentifier, ActuatorModel, fit_actuator, respond
 from ttempc.learning.window import RecordedTick
 from ttempc.types import Command, Input, Measurement, Sensor
 from ttempc.vehicle import Vehicle
@@ -20,23 +20,15 @@ SENSORS = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.ENCODER)
 SD = np.array([math.radians(1.0), math.radians(1.0), 0.1])  # of the sensors
 
 
-def response(times, starts, commands, dead_time=0.0, lag=0.2, play=0.0, rate=math.inf):
+def response(times, starts, commands, dead_time=0.0, lag=0.2, backlash=0.0, rate=math.inf):
     result = np.empty(len(times))
-    respond(
-        np.array(starts, float),
-        np.array(commands, float),
-        times,
-        dead_time,
-        lag,
-        play,
-        rate,
-        result,
-    )
+    model = ActuatorModel(dead_time, lag, backlash, rate)
+    respond(np.array(starts, float), np.array(commands, float), times, model, result)
     return result
 
 
 def drive(
-    seed, dead_times=(0.0, 0.0, 0.0), lags=(0.15, 0.20, 2.05), play=0.0, seconds=30.0, sd=1.0
+    seed, dead_times=(0.0, 0.0, 0.0), lags=(0.15, 0.20, 2.05), backlash=0.0, seconds=30.0, sd=1.0
 ):
     """Return recorded ticks: commands that walk at random, and noisy samples of their response."""
     generator = np.random.default_rng(seed)
@@ -52,7 +44,7 @@ def drive(
     for n in range(1, round(seconds / STEP_S) + 1):
         sent = np.floor(((n - 1) * STEP_S - np.array(dead_times)) / PERIOD_S + 1e-9).astype(int)
         acting = commands[np.maximum(sent, 0), range(3)]
-        cylinder = np.clip(cylinder, acting[:2] - play, acting[:2] + play)
+        cylinder = np.clip(cylinder, acting[:2] - backlash, acting[:2] + backlash)
         valves += np.clip(cylinder - valves, -RATES * STEP_S, RATES * STEP_S)
         target = np.array([*valves, 1.4 * acting[2]])
         output = target + (output - target) * np.exp(-STEP_S / np.array(lags))
@@ -85,10 +77,10 @@ def test_a_step_is_answered_by_an_exponential_after_the_dead_time():
     )
 
 
-def test_play_holds_the_output_back_and_the_rate_limit_makes_a_ramp_of_a_step():
+def test_backlash_holds_the_output_back_and_the_rate_limit_makes_a_ramp_of_a_step():
     times = np.arange(0.0, 4.0, 0.04)
-    result = response(times, [0.0, 1.0, 2.0], [0.0, 0.5, 0.35], lag=0.01, play=0.1, rate=1.0)
-    assert result[times > 1.8] == pytest.approx(0.4, abs=1e-6)  # the reversal is within the play
+    result = response(times, [0.0, 1.0, 2.0], [0.0, 0.5, 0.35], lag=0.01, backlash=0.1, rate=1.0)
+    assert result[times > 1.8] == pytest.approx(0.4, abs=1e-6)  # a reversal within the backlash
     ramp = (times > 1.1) & (times < 1.35)
     np.testing.assert_allclose(np.diff(result[ramp]), 0.04, atol=1e-3)
 
@@ -114,14 +106,14 @@ def test_a_right_vehicle_stays_as_it_is():
         assert ActuatorIdentifier().identify(drive(seed, (0.3, 0.2, 0.1)), known).vehicle is known
 
 
-def test_play_does_not_pass_for_dead_time():
-    play = math.radians(1.0)
+def test_backlash_does_not_pass_for_dead_time():
+    backlash = math.radians(1.0)
     for seed in range(4):
-        window = drive(seed, (0.15, 0.15, 0.0), play=play)
+        window = drive(seed, (0.15, 0.15, 0.0), backlash=backlash)
         for actuator in (Input.DELTA_T, Input.DELTA_I):
             fit = fitted(window, actuator)
             assert fit.dead_time == pytest.approx(0.15, abs=4.0 * fit.dead_time_sd)
-            assert fit.play == pytest.approx(play, rel=0.3)
+            assert fit.backlash == pytest.approx(backlash, rel=0.3)
 
 
 def test_a_wrong_lag_is_corrected_and_its_reason_told():

@@ -125,7 +125,7 @@ def test_the_filter_moves_by_a_change_and_no_order_of_arrival_matters():
             seen = ekf.observe(k * PERIOD_S, rows, sent, by)[0].view(ESTIMATE)[0]
             if k == 20:
                 at_20.append(seen["disturbance"][:3].copy())
-        last.append(ekf.moments()["augmented"][-1, 0])
+        last.append(ekf.snapshots()["augmented"][-1, 0])
     np.testing.assert_allclose(at_20[1] - at_20[0], change, rtol=0.01)
     np.testing.assert_array_equal(last[1], last[2])
     assert (last[0] != last[1]).any()

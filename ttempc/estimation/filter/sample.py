@@ -1,0 +1,156 @@
+"""From a sample to a reading: float solutions, gyros, and for how long the gate may reject."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from ...jit import cached_njit, local, record
+from ...layout import FLOAT
+from ...models.augmented_state import SIZE, AugmentedState
+from ...sensors import SENSOR_BODIES, SENSOR_KINDS, SensorIndex, SensorKind
+from ...types import FloatArray
+from .correct import Comparison, Reading, correct
+from .history import BUFFERED_SAMPLE
+from .records import FILTER, GYRO, LEVELS, SAME_TIME_S, SNAPSHOT, GyroColumn
+
+_LONGEST_SPAN_S: Final = 0.1  # between samples of a gyro, for their mean to be its mean rate
+_SLOPE_S: Final = 0.5  # over which roll and pitch are smoothed; bumps last less
+
+
+@cached_njit(error_model="numpy")
+def apply_sample(
+    parameters: FloatArray, snapshot: FloatArray, sample: FloatArray, workspace: FloatArray
+) -> Comparison:
+    """Correct a snapshot by a `BUFFERED_SAMPLE` of its time; note in the sample if it was accepted.
+
+    `workspace` is that of `correct`.
+    """
+    f = record(parameters, FILTER)
+    s = record(sample, BUFFERED_SAMPLE)
+    sensor = int(s.sensor)
+    s.accepted = 0.0
+    if SENSOR_KINDS[sensor] == SensorKind.INERTIAL:
+        return _apply_inertial(parameters, snapshot, sample, workspace)
+    variance = f.variances[sensor]
+    if SENSOR_KINDS[sensor] == SensorKind.POSITION and s.entries[2] == FLOAT:
+        variance = max(variance, f.float_variance)
+    reading = Reading(sensor, s.entries[0], s.entries[1], variance)
+    return _gate(parameters, snapshot, sample, reading, workspace)
+
+
+@cached_njit(error_model="numpy")
+def _apply_inertial(
+    parameters: FloatArray, snapshot: FloatArray, sample: FloatArray, workspace: FloatArray
+) -> Comparison:
+    """Correct a snapshot by the angle turned since the last sample of the same IMU."""
+    f = record(parameters, FILTER)
+    now = record(snapshot, SNAPSHOT)
+    s = record(sample, BUFFERED_SAMPLE)
+    sensor = int(s.sensor)
+    body = SENSOR_BODIES[sensor]
+    last = now.gyros[body]
+    present = local((GYRO,))
+    present[GyroColumn.TIME_S] = s.time_s
+    present[GyroColumn.YAW_RATE] = s.entries[0]
+    present[GyroColumn.ROLL] = s.entries[1]
+    present[GyroColumn.PITCH] = s.entries[2]
+
+    span_s = s.time_s - last[GyroColumn.TIME_S]
+    angle = turned(last, present)
+    travel = abs(now.augmented[0, AugmentedState.WHEEL_SPEED]) * span_s
+    variance = f.variances[sensor] * span_s * span_s + f.gyro_sampling * travel
+    for column in range(GYRO):
+        last[column] = present[column]
+    _follow_slope(parameters, snapshot, body, span_s)
+    comparison = Comparison(0.0, 0.0, 0.0, 0.0)
+    if span_s <= _LONGEST_SPAN_S:
+        reading = Reading(sensor, angle, span_s, variance)
+        comparison = _gate(parameters, snapshot, sample, reading, workspace)
+
+    # The yaw at this sample is the past one of the next
+    psi = AugmentedState.PSI_T + body
+    past = AugmentedState.PAST_T + body
+    for level in range(LEVELS):
+        now.augmented[level, past] = now.augmented[level, psi]
+        for i in range(SIZE):
+            now.covariances[level, past, i] = now.covariances[level, psi, i]
+        for i in range(SIZE):
+            now.covariances[level, i, past] = now.covariances[level, i, psi]
+    return comparison
+
+
+@cached_njit(error_model="numpy")
+def turned(last: FloatArray, present: FloatArray) -> float:
+    """Return the angle by which the heading turned between two samples of an IMU [rad].
+
+    Both are rows of `GyroColumn`. The yaw rate w of an IMU is that about the vertical; a vehicle
+    that rolls while it stands at a pitch changes its heading in addition. From the angular velocity
+    of the angles yaw, pitch and roll (Diebel 2006, sec. 5.6),
+
+        psi' = w + roll' sin(pitch).
+
+    The integral of the second term keeps no memory of the noise of roll.
+    """
+    pitch = 0.5 * (last[GyroColumn.PITCH] + present[GyroColumn.PITCH])
+    rate = 0.5 * (last[GyroColumn.YAW_RATE] + present[GyroColumn.YAW_RATE])
+    span_s = present[GyroColumn.TIME_S] - last[GyroColumn.TIME_S]
+    rolled = present[GyroColumn.ROLL] - last[GyroColumn.ROLL]
+    return rate * span_s + rolled * math.sin(pitch)
+
+
+@cached_njit(error_model="numpy")
+def _follow_slope(parameters: FloatArray, snapshot: FloatArray, body: int, span_s: float) -> None:
+    """Move the side slip that is fixed in the map with the slope that an IMU shows.
+
+    Roll and pitch, smoothed and averaged over both bodies, are the slope; the filter follows the
+    rest of that side slip. `span_s` is the time since the last sample, NaN for the first one.
+    """
+    f = record(parameters, FILTER)
+    now = record(snapshot, SNAPSHOT)
+    roll = now.gyros[body, GyroColumn.ROLL]
+    pitch = now.gyros[body, GyroColumn.PITCH]
+    share = 1.0 if math.isnan(span_s) else -math.expm1(-span_s / _SLOPE_S)
+    psi = AugmentedState.PSI_T + body
+    cos = math.cos(now.augmented[0, psi])
+    sin = math.sin(now.augmented[0, psi])
+    slip = local((2,))  # side slip on the slope: east, north
+    slip[0] = f.side_per_slope * (pitch * cos + roll * sin)
+    slip[1] = f.side_per_slope * (pitch * sin - roll * cos)
+    for axis in range(2):
+        change = share * (slip[axis] - now.slopes[body, axis])
+        now.slopes[body, axis] += change
+        now.augmented[0, AugmentedState.SIDE_X + axis] += 0.5 * change
+
+
+@cached_njit(error_model="numpy")
+def _gate(
+    parameters: FloatArray,
+    snapshot: FloatArray,
+    sample: FloatArray,
+    reading: Reading,
+    workspace: FloatArray,
+) -> Comparison:
+    """Correct a snapshot by a reading that passes the gate, or that was rejected for too long.
+
+    The trailer's receiver is forced on the filter only while the gate rejects the tractor's too:
+    otherwise the tractor's says where the vehicle is. A gyro teaches the filter no noise factor.
+    """
+    f = record(parameters, FILTER)
+    now = record(snapshot, SNAPSHOT)
+    s = record(sample, BUFFERED_SAMPLE)
+    sensor = reading.sensor
+    since_s = now.rejected_since[sensor]
+    forced = s.time_s - since_s >= f.patience[sensor] - SAME_TIME_S
+    if sensor == SensorIndex.GNSS_TRAILER:
+        forced = forced and not math.isnan(now.rejected_since[SensorIndex.GNSS_TRACTOR])
+    learns = SENSOR_KINDS[sensor] != SensorKind.INERTIAL
+    comparison = correct(parameters, snapshot, reading, forced, learns, workspace)
+    passes = comparison.normalised_squared <= f.gates[sensor]
+    if passes:
+        now.rejected_since[sensor] = math.nan
+    elif math.isnan(since_s):
+        now.rejected_since[sensor] = s.time_s
+    if passes or forced:
+        s.accepted = 1.0
+    return comparison
