@@ -97,7 +97,8 @@ def _ratio(means: FloatArray) -> float:
 
 def _actions(record: Record) -> dict[str, float]:
     """Return robust over feedback action at the front, and what beta explains of the trailer's."""
-    control, reference = record[CONTROL], record[REFERENCE]
+    control = record[CONTROL]
+    reference = record[REFERENCE]
     at = np.searchsorted(reference.time_s, control.time_s).clip(0, len(reference) - 1)
     curved = is_curved(record)[at]
     result = {}
@@ -150,7 +151,8 @@ def observations(case: Case) -> Row:
 
 def _along_share(errors: TrackingErrors, rows: NDArray[np.bool_]) -> float:
     """Return the share of the squared error of the tractor that is along the path."""
-    along, cross = _rms(errors.tractor.along_m[rows]), _rms(errors.tractor.cross_m[rows])
+    along = _rms(errors.tractor.along_m[rows])
+    cross = _rms(errors.tractor.cross_m[rows])
     return along**2 / (along**2 + cross**2)
 
 

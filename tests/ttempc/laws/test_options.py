@@ -80,7 +80,7 @@ CHANGES = {
         "least_speed_mps": 1.5,
     },
     NmpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02), "iterations": 1},
-    NmpcPathOptions: {"horizon": 10, "look_ahead_m": 0.8, "parametrised_by": "time"},
+    NmpcPathOptions: {"moves": 5, "look_ahead_m": 0.8, "parametrised_by": "time"},
 }
 NAMES = {entry.options: name for name, entry in reversed(CONTROLLERS.items()) if entry.options}
 
