@@ -17,7 +17,7 @@ from ..mpc.lmpc import CondensedHorizon, HorizonTuning
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import FloatArray, Input
 from ..vehicle import CommandLimits, Vehicle
-from .paper_law import PaperLaw, PaperTables
+from .paper_law import CONSTANTS, NOMINALS, PaperLaw, PaperTables
 
 HitchAngle = Literal["added", "subtracted", "reference"]
 Nominal = Literal["reference", "one-step", "model"]
@@ -224,7 +224,7 @@ def paper_controller(
     a, b = zero_order_hold(*linearise(grid, vehicle, options), period_s)
     # No period starts at the last sample: it is only predicted.
     horizon = CondensedHorizon(a[:-1], b[:-1], options, period_s)
-    law = PaperLaw(grid, horizon, PaperTables.of(options, grid, period_s))
+    law = PaperLaw(grid, horizon, paper_tables(options, grid, period_s))
     return TrackingController(
         grid,
         feedforward,
@@ -232,6 +232,21 @@ def paper_controller(
         CommandLimits.of(vehicle, period_s),
         measured_hitch=_HITCH_SIGNS[options.hitch_angle],
     )
+
+
+def paper_tables(options: PaperOptions, grid: ReferenceSample, period_s: float) -> PaperTables:
+    """Return the tables of the law for options in the units of the model's inputs."""
+    constants = np.zeros(CONSTANTS.itemsize // 8)
+    values = constants.view(CONSTANTS)[0]
+    for name in ("saturation", "proportional", "derivative"):
+        values[name] = getattr(options, name)
+    values["sign"] = options.robust_sign
+    values["period_s"] = period_s
+    values["nominal"] = NOMINALS[options.nominal]
+    values["from_nominal"] = options.mpc_start == "nominal"
+    values["robust"] = options.robust
+    values["full_scale"] = options.hp_full_scale
+    return PaperTables(constants, np.concatenate([grid.state, grid.trailer_xy], axis=1))
 
 
 def _in_model_units(options: PaperOptions, period_s: float) -> PaperOptions:

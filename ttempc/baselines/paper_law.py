@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from ..mpc.qp import BOUND_ACTIVE, CLOSED_FORM, CLOSED_FORM_REPORT
 from ..reference.reference import ReferenceSample
 from ..types import Diagnostics, FloatArray, Input, SolverReport, State
 
-if TYPE_CHECKING:
-    from .paper import PaperOptions
-
 _N: Final = len(Error)
 _M: Final = len(Input)
 _P: Final = len(POSITIONS)
@@ -31,7 +28,8 @@ _MODELLING: Final = _N  # first entry of z_m in `TICK.tracking`
 _REFERENCE: Final = 0
 _ONE_STEP: Final = 1
 _MODEL: Final = 2
-_NOMINALS: Final = {"reference": _REFERENCE, "one-step": _ONE_STEP, "model": _MODEL}
+NOMINALS: Final = {"reference": _REFERENCE, "one-step": _ONE_STEP, "model": _MODEL}
+"""Values of `CONSTANTS.nominal` by their names."""
 
 _HELD: Final = 1
 _WORDS: Final = ("", "QP {}: previous feedback held")
@@ -71,21 +69,6 @@ class PaperTables(NamedTuple):
 
     constants: FloatArray  # record `CONSTANTS`
     poses: FloatArray  # of the reference: minimal state (7,), x and y of the trailer point, (N, 9)
-
-    @classmethod
-    def of(cls, options: PaperOptions, grid: ReferenceSample, period_s: float) -> PaperTables:
-        """Return the tables for options in the units of the model's inputs."""
-        constants = np.zeros(CONSTANTS.itemsize // 8)
-        values = constants.view(CONSTANTS)[0]
-        for name in ("saturation", "proportional", "derivative"):
-            values[name] = getattr(options, name)
-        values["sign"] = options.robust_sign
-        values["period_s"] = period_s
-        values["nominal"] = _NOMINALS[options.nominal]
-        values["from_nominal"] = options.mpc_start == "nominal"
-        values["robust"] = options.robust
-        values["full_scale"] = options.hp_full_scale
-        return cls(constants, np.concatenate([grid.state, grid.trailer_xy], axis=1))
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)

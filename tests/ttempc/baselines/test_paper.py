@@ -16,9 +16,10 @@ from ttempc.baselines.paper import (
     RobustGains,
     linearise,
     paper_controller,
+    paper_tables,
     printed_feedforward,
 )
-from ttempc.baselines.paper_law import PaperTables, robust_action
+from ttempc.baselines.paper_law import robust_action
 from ttempc.layout import TICK, estimate_row, new_tick
 from ttempc.models.kinematics import Error, tracking_error, trailer_point
 from ttempc.reference.path import figure_eight
@@ -263,7 +264,7 @@ def test_printed_feedforward_on_the_circle(sign, degrees):
 
 
 def tables_of(options):
-    return PaperTables.of(options, REFERENCE.on_grid(PERIOD_S), PERIOD_S)
+    return paper_tables(options, REFERENCE.on_grid(PERIOD_S), PERIOD_S)
 
 
 def test_law_is_the_printed_one():
