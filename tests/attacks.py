@@ -51,7 +51,7 @@ from tests.experiments.interfaces.serve import test_session
 from tests.experiments.interfaces.serve.test_agopengps import steering_frame
 from tests.experiments.score_cards import card_of, scored
 from tests.testbed.log import test_log_integrity
-from ttempc import Guidance, Measurement, Sensor, Vehicle, figure_eight
+from ttempc import Guidance, GuidanceSettings, Measurement, Sensor, Vehicle, figure_eight
 from ttempc.errors import TtempcError
 
 STRAIGHT = "kind = 'straight'\nlength_m = 2.0\n"  # keys of a table of the path
@@ -119,6 +119,12 @@ def study(folder, text=SEEDS):
     return "sweep", written(folder, text), "-q"
 
 
+def unlearning_guidance(controller):
+    """Return a guidance along the figure eight whose model stays as it is."""
+    settings = GuidanceSettings(learn=False)
+    return Guidance(Vehicle(), figure_eight(), controller=controller, settings=settings)
+
+
 def same_in_threads(drive, cases):
     """Fail where drives in threads have other bits than one after another."""
     with ThreadPoolExecutor(len(cases)) as pool:
@@ -161,7 +167,9 @@ def samples(folder):
 
     parts = "time", "samples", "sample", "entry", "status", "swapped", "time_s", "sensor", "value"
     for name in ("ttempc", "pid"):
-        made = Guidance(Vehicle(), figure_eight(), controller=name, learn=False)
+        made = Guidance(
+            Vehicle(), figure_eight(), controller=name, settings=GuidanceSettings(learn=False)
+        )
         yield from each(drive, [made], parts, NONSENSE)
 
 
@@ -587,7 +595,12 @@ def threads(folder):
         return simulate(*load("pavement", keys), 1)[1][ch.CONTROL].values.tobytes()
 
     def guided(name):
-        guidance, made = Guidance(Vehicle(), figure_eight(), controller=name, learn=False), []
+        guidance, made = (
+            Guidance(
+                Vehicle(), figure_eight(), controller=name, settings=GuidanceSettings(learn=False)
+            ),
+            [],
+        )
         for k in range(100):
             t, noise = 0.2 * k, 0.02 * math.sin(k * k)
             values = (Sensor.GNSS_TRACTOR, (t, noise)), (Sensor.ENCODER, (1.0,))

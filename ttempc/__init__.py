@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from .guidance.controllers import make_controller as make_controller
     from .guidance.guidance import Guidance as Guidance
     from .guidance.safety import SafetyLimits as SafetyLimits
+    from .guidance.settings import GuidanceSettings as GuidanceSettings
+    from .guidance.state import GuidanceState as GuidanceState
     from .reference.headland import headland as headland
     from .reference.path import Path as Path
     from .reference.path import figure_eight as figure_eight
@@ -53,6 +55,8 @@ _HOME = {
     "guidance.controllers": "CONTROLLERS ESTIMATORS make_controller",
     "guidance.guidance": "Guidance",
     "guidance.safety": "SafetyLimits",
+    "guidance.settings": "GuidanceSettings",
+    "guidance.state": "GuidanceState",
     "reference.headland": "headland",
     "reference.path": "Path figure_eight straight",
     "reference.reference": "ConstantSpeed Reference",

@@ -1,10 +1,12 @@
 """Data types and protocols of the control library: measurements, estimates, commands."""
 
+import copy
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Final, NamedTuple, Protocol, Self, runtime_checkable
+from typing import Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ from .sensors import Sensor as Sensor
 FloatArray = NDArray[np.float64]
 
 
-class Shared:
+class Immutable:
     """An object that does not change once it is made: copies of what holds it share it."""
 
     def __deepcopy__(self, memo: object) -> Self:
@@ -229,54 +231,60 @@ class ControlStep:
     diagnostics: Diagnostics = field(default_factory=Diagnostics, repr=False)
 
 
-class Controller(Protocol):
-    """Anything that turns an estimate into a command once every control period.
+class Controller(ABC):
+    """Turns an estimate into a command once every control period.
 
     A controller owns its reference and its memory; it never sees the plant. Tick k belongs to
     time k * period of the reference. It waits where the supervisor slows the vehicle: then k
     repeats.
+
+    Only `step` must be written. A guidance also takes an object that has `step` and derives from
+    nothing; of the other methods it calls those that the object has.
     """
 
-    def step(self, estimate: Estimate, k: int) -> ControlStep | Command:
-        """Return the command for the period that starts at tick k, with or without diagnostics."""
-        ...
-
-
-@runtime_checkable
-class Preparing(Protocol):
-    """A controller with work that can be done before the samples of a tick arrive.
-
-    Between two control periods the caches go cold, and a step that takes 0.1 ms in a row takes
-    several times that. `prepare` is called just before the samples are read: it may compute what
-    does not need them and run through the step's code. It must change no later result.
-    """
-
-    def prepare(self, k: int) -> None:
-        """Get ready for tick `k`."""
-
-
-@runtime_checkable
-class SpaceBased(Protocol):
-    """A controller that may follow a reference by place: the one nearest to the tractor point.
+    space_based: bool = False
+    """Whether it may follow the reference at the place nearest to the tractor point.
 
     Supervision, log and statistics then compare the vehicle with that place, not with the
-    reference of the present time.
-    """
+    reference of the present time."""
 
-    space_based: bool
+    @abstractmethod
+    def step(self, estimate: Estimate, k: int) -> ControlStep | Command:
+        """Return the command for the period that starts at tick k, with or without diagnostics."""
 
+    def prepare(self, k: int) -> None:
+        """Do work of tick `k` that needs no samples; it must change no later result.
 
-@runtime_checkable
-class Resuming(Protocol):
-    """A controller with memory that one for other model parameters can continue."""
+        Between two control periods the caches go cold, and a step that takes 0.1 ms in a row takes
+        several times that. `prepare` is called just before the samples are read.
+        """
+        return
 
     def resume(self, previous: object) -> None:
-        """Continue where `previous`, the controller up to this tick, has stopped."""
+        """Continue where `previous`, the controller for other model parameters, has stopped."""
+        return
+
+    def warm_up(self) -> None:
+        """Run through the code of every later call; it must change no later result."""
+        return
+
+    def memory(self) -> object:
+        """Return what the controller remembers from tick to tick, by default all attributes."""
+        return vars(self)
+
+    def restore(self, memory: object) -> None:
+        """Remember what `memory` returned, of this controller or of a copy of it."""
+        vars(self).update(copy.deepcopy(memory))  # pyright: ignore[reportCallIssue, reportArgumentType] - attributes
 
 
-class Estimator(Protocol):
-    """Anything that turns measurements into an estimate once every control period."""
+class Estimator(ABC):
+    """Turns measurements into an estimate once every control period.
 
+    Only `update` must be written. A guidance also takes an object that has `update` and derives
+    from nothing.
+    """
+
+    @abstractmethod
     def update(
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
     ) -> Estimate:
@@ -287,15 +295,18 @@ class Estimator(Protocol):
         that an estimator has no use for are no error. `command` is what drove the vehicle in
         that time, None before the first command.
         """
-        ...
-
-
-@runtime_checkable
-class WarmingUp(Protocol):
-    """A controller or an estimator with code to compile or caches to fill before the first tick."""
 
     def warm_up(self) -> None:
-        """Run through the code of every later call. It must change no later result."""
+        """Run through the code of every later call; it must change no later result."""
+        return
+
+    def memory(self) -> object:
+        """Return what the estimator remembers from tick to tick, by default all attributes."""
+        return vars(self)
+
+    def restore(self, memory: object) -> None:
+        """Remember what `memory` returned, of this estimator or of a copy of it."""
+        vars(self).update(copy.deepcopy(memory))  # pyright: ignore[reportCallIssue, reportArgumentType] - attributes
 
 
 class VehicleGuidance(Protocol):

@@ -8,6 +8,8 @@ from functools import partial
 import numpy as np
 
 from ttempc.guidance.guidance import Guidance
+from ttempc.guidance.pipeline import ControllerFactory
+from ttempc.guidance.settings import GuidanceSettings
 from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Path, Projection
 from ttempc.reference.reference import Reference, ReferenceSample, check_drivable, check_pace
@@ -152,7 +154,8 @@ def assemble(
     seed: int,
     factory: Callable[..., object] | None = None,
     parts: SharedParts | None = None,
-    guide: Callable[..., Guidance] = Guidance,
+    kind: type[Guidance] = Guidance,
+    adjust: Callable[[GuidanceSettings], GuidanceSettings] = lambda settings: settings,
 ) -> Assembly:
     """Return the objects of a run.
 
@@ -162,7 +165,8 @@ def assemble(
         factory: makes the controller from vehicle, reference, control period [s] and the options
             of the scenario; by default the one of the name `scenario.controller.name`.
         parts: of earlier runs, to be used again; none by default.
-        guide: makes the guidance, called as `Guidance`; with other safety limits or detectors.
+        kind: type of the guidance.
+        adjust: changes the settings that the scenario gives the guidance, such as safety limits.
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
@@ -188,7 +192,8 @@ def assemble(
         (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
         for number, stage in enumerate(scenario.stages)
     ]
-    guidance = _guidance(scenario, plan, plant, factory, parts, guide)
+    controller = parts.controller_factory(scenario, plan.reference.vehicle, factory)
+    guidance = _guidance(scenario, plan, plant, controller, kind, adjust)
     x, y, yaw, *_, speed = plan.reference.at(0.0).state.tolist()
     begin = scenario.start
     # refused here, before anything is written
@@ -308,30 +313,25 @@ def _guidance(
     scenario: Scenario,
     plan: _Plan,
     plant: Plant,
-    factory: Callable[..., object] | None,
-    parts: SharedParts,
-    guide: Callable[..., Guidance],
+    controller: ControllerFactory,
+    kind: type[Guidance],
+    adjust: Callable[[GuidanceSettings], GuidanceSettings],
 ) -> Guidance:
     settings, vehicle = scenario.controller, plan.reference.vehicle
+    estimator = partial(named_estimator, settings.estimator)
     true_state = settings.estimator == TRUTH
-    # A session has detectors of its own, which stay.
-    keeps_default = settings.detect is True or isinstance(guide, partial)
-    detect = {} if keeps_default else {"detect": settings.detect}
-    return guide(
-        vehicle,
-        plan.reference,
-        scenario.control.period_s,
-        parts.controller_factory(scenario, vehicle, factory),
-        TruthEstimator(plant.truth, vehicle)
-        if true_state
-        else partial(named_estimator, settings.estimator),
+    if true_state:
+        estimator = TruthEstimator(plant.truth, vehicle)
+    given = GuidanceSettings(
         sensor_noise=settings.noise.sensor_noise(scenario.sensors),
         # The disturbances of the true state are those beside the given lengths: none to learn.
         learn=settings.learn and not true_state,
         learn_field=settings.learn_field,
+        detect=settings.detect,
         compensate=settings.compensate,
-        **detect,
     )
+    period_s = scenario.control.period_s
+    return kind(vehicle, plan.reference, period_s, controller, estimator, adjust(given))
 
 
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:

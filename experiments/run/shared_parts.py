@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import lead_s
-from ttempc.guidance.parts import ControllerFactory
+from ttempc.guidance.pipeline import ControllerFactory
 from ttempc.laws.tracking_controller import TrackingController
 from ttempc.reference.reference import Reference
 from ttempc.vehicle import Vehicle

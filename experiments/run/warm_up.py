@@ -39,7 +39,7 @@ def _compile() -> None:
     from ttempc.estimation.filter.correct import CORRECTION_SIZE, Reading, correct
     from ttempc.estimation.filter.records import SNAPSHOT_SIZE, filter_parameters
     from ttempc.estimation.noise import ProcessNoise, SensorNoise
-    from ttempc.types import Command, WarmingUp
+    from ttempc.types import Command
     from ttempc.vehicle import Vehicle
 
     parameters = filter_parameters(Vehicle(), SensorNoise(), ProcessNoise())
@@ -52,9 +52,7 @@ def _compile() -> None:
 
     _, scenario = load("grass", ["path={kind='straight', length_m=6}"])
     assembly = assemble(scenario, seed=1)
-    for part in (assembly.guidance._parts.controller, assembly.guidance._monitors):
-        if isinstance(part, WarmingUp):
-            part.warm_up()
+    assembly.guidance.warm_up()
     assembly.plant.restore(assembly.start)
     assembly.plant.advance(Command(0.0, 0.0, 0.0), 1)
 

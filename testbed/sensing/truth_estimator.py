@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.types import Command, Disturbance, Estimate, FloatArray, Measurement, State
+from ttempc.types import Command, Disturbance, Estimate, Estimator, FloatArray, Measurement, State
 from ttempc.vehicle import Vehicle
 
 from ..truth import Pose, Truth
@@ -21,7 +21,7 @@ most 0.6 cm; with 1 m the law acts on oscillations that end before it can correc
 _LEAST_M: Final = 1e-3  # driven in a period, below which nothing is learned
 
 
-class TruthEstimator:
+class TruthEstimator(Estimator):
     """Estimator that returns the plant's state; satisfies `ttempc.types.Estimator`.
 
     The disturbances are what the model lacks to the true motion from tick to tick. With (s, l) and

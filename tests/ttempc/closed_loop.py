@@ -8,6 +8,9 @@ import numpy as np
 
 from tests.reference.models.kinematics import advance
 from tests.reference.models.valves import slew
+from ttempc.guidance.dead_time import DeadTimeCompensation
+from ttempc.guidance.own_parts import as_controller
+from ttempc.guidance.safety import SafetyLimits
 from ttempc.guidance.supervisor import Supervisor
 from ttempc.layout import ALARM, estimate_row
 from ttempc.models.kinematics import NO_DISTURBANCE, hitch_angle, trailer_point
@@ -39,7 +42,10 @@ class Supervised(Supervisor):
     """A supervisor on estimates and alarms as objects, a controller on the time of its ticks."""
 
     def __init__(self, controller, reference, period_s, safety=None):
-        super().__init__(controller, reference, period_s, safety, self.said)
+        if not isinstance(controller, DeadTimeCompensation):
+            controller = as_controller(controller)
+        limits = safety or SafetyLimits()
+        super().__init__(controller, reference, period_s, limits, self.said)
 
     def said(self, row, numbers):
         return self.alarms[row].reason

@@ -143,7 +143,7 @@ class NonlinearFeedback(FeedbackLaw):
         self.report: SolverReport | None = None  # of the last tick
 
     def resume(self, previous: object) -> None:
-        """Keep the last plan as the first guess, see `ttempc.types.Resuming`."""
+        """Keep the last plan as the first guess, see `ttempc.types.Controller.resume`."""
         if isinstance(previous, NonlinearFeedback):
             self._plan = previous._plan
 

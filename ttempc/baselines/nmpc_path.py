@@ -112,7 +112,7 @@ class PrintedFeedback(FeedbackLaw):
         self._lambda: float | None = None  # of the period before
 
     def resume(self, previous: object) -> None:
-        """Keep the place on the path and the plan, see `ttempc.types.Resuming`."""
+        """Keep the place on the path and the plan, see `ttempc.types.Controller.resume`."""
         if isinstance(previous, PrintedFeedback):  # the tractor's path is the same
             self._targets.projection = previous._targets.projection
             self._plan = previous._plan

@@ -289,7 +289,7 @@ class PaperLaw(FeedbackLaw):
         self.report: SolverReport | None = None  # of the last QP that a solver answered
 
     def resume(self, previous: object) -> None:
-        """Keep the input of the last tick, see `ttempc.types.Resuming`."""
+        """Keep the input of the last tick, see `ttempc.types.Controller.resume`."""
         if isinstance(previous, PaperLaw):
             earlier = previous._memory.view(MEMORY)[0]
             self._memory.view(MEMORY)[0]["feedback"] = earlier["feedback"]

@@ -149,7 +149,7 @@ class PidFeedback(FeedbackLaw):
         self._unlimited = course.feedforward[0]  # the previous command before the limits
 
     def resume(self, previous: object) -> None:
-        """Keep the integral actions, see `ttempc.types.Resuming`."""
+        """Keep the integral actions, see `ttempc.types.Controller.resume`."""
         if isinstance(previous, PidFeedback):
             self._integrals = previous._integrals
             self._unlimited = previous._unlimited

@@ -1,5 +1,6 @@
 """Monitors: the built-in detectors and those of a user, with the alarms that stand."""
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
@@ -10,7 +11,7 @@ from ..errors import InvalidTuning
 from ..layout import ALARM, ESTIMATE, INNOVATION, SAMPLE, AlarmColumn, measurements_of
 from ..models.augmented_state import vehicle_parameters
 from ..suggestion import did_you_mean
-from ..types import Command, Estimate, FloatArray, Sensor, WarmingUp
+from ..types import Command, Estimate, FloatArray, Sensor
 from ..vehicle import Vehicle
 from .board import ENDS, NO_ALARM
 from .drift import apparent_drift
@@ -60,6 +61,15 @@ def chosen(detect: Detect) -> Chosen:
     return Chosen((only or frozenset(DetectorIndex)) - without, own)
 
 
+class MonitorsMemory(NamedTuple):
+    """What the monitors remember from tick to tick."""
+
+    record: FloatArray  # `DETECTORS`
+    own: tuple[Detector, ...]
+    own_alarms: FloatArray  # rows of `ALARM` entries
+    said: dict[int, Alarm]  # by the user's detectors, by row
+
+
 class Monitors:
     """Runs the built-in detectors, then those of a user; keeps alarms until their causes end.
 
@@ -98,9 +108,18 @@ class Monitors:
             estimate=np.zeros(ESTIMATE.itemsize // 8),
             innovations=np.empty((0, INNOVATION)),
         )
-        for detector in self._own:
-            if isinstance(detector, WarmingUp):
-                detector.warm_up()
+
+    def memory(self) -> MonitorsMemory:
+        """Return what the monitors remember; it shares its arrays."""
+        return MonitorsMemory(self.record, self._own, self._own_alarms, self._said)
+
+    def restore(self, memory: MonitorsMemory) -> None:
+        """Remember what `memory` returned, of these monitors or of a copy of them."""
+        given = copy.deepcopy(memory)
+        self.record = given.record
+        self._own = given.own
+        self._own_alarms = given.own_alarms
+        self._said = given.said
 
     def observe(
         self,

@@ -18,7 +18,7 @@ from ..layout import (
 )
 from ..models.augmented_state import MAPPED, STATES, AugmentedState
 from ..sensors import STARTING_SENSORS
-from ..types import Command, Estimate, FloatArray, Input, Measurement, Sensor
+from ..types import Command, Estimate, Estimator, FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
 from .filter.history import HISTORY, new_memory, with_space
 from .filter.observe import observe_filter
@@ -31,7 +31,7 @@ NO_CHANGE: Final = np.zeros(MAPPED)
 _NOT_KNOWN: Final = np.full(len(Input), math.nan)
 
 
-class ExtendedKalmanFilter:
+class ExtendedKalmanFilter(Estimator):
     """Estimate state and disturbance from time-stamped samples that may come late.
 
     Between samples the model of `augmented_state` runs under the command of that time: the

@@ -23,7 +23,7 @@ from ..models.printed import (
 )
 from ..mpc.qp import QP, CheckedSolver
 from ..sensors import STARTING_SENSORS
-from ..types import Command, Estimate, FloatArray, Measurement, Sensor, State
+from ..types import Command, Estimate, Estimator, FloatArray, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .filter.start import first_state
 from .noise import SensorNoise
@@ -42,7 +42,7 @@ _WALK = np.array([0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.05, 0.02, 0.05, 0.05])
 _START_SD = np.array([0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.1, 0.2, 0.2, 0.2])
 
 
-class MovingHorizonEstimator:
+class MovingHorizonEstimator(Estimator):
     """Estimate first state and slip factors of a window of `PERIODS` updates by least squares.
 
     Within the window the model of `ttempc.models.printed`, its yaw equation of the trailer by

@@ -31,10 +31,7 @@ from ..types import (
     Estimate,
     FloatArray,
     MapDisturbance,
-    Resuming,
-    SpaceBased,
     State,
-    WarmingUp,
 )
 from ..vehicle import CommandLimits, Vehicle
 
@@ -84,8 +81,7 @@ def resume(controller: Guided, previous: Guided, sent: Sequence[Command]) -> Non
         controller = controller.controller
     if isinstance(previous, DeadTimeCompensation):
         previous = previous.controller
-    if isinstance(controller, Resuming):
-        controller.resume(previous)
+    controller.resume(previous)
 
 
 class Lead(NamedTuple):
@@ -127,11 +123,10 @@ class DeadTimeCompensation:
         # Commands as they act together, the newest first; before the start those of the reference.
         count = whole + 3 + int(late[:, 0].max())
         self.commands: FloatArray = np.tile(start, (count, 1))
-        self.space_based = isinstance(controller, SpaceBased) and controller.space_based
+        self.space_based = controller.space_based
 
     def warm_up(self) -> None:
-        if isinstance(self.controller, WarmingUp):
-            self.controller.warm_up()
+        self.controller.warm_up()
         state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         self.predicted(estimate_row(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0)))
 

@@ -1,56 +1,56 @@
 """The control loop, a period at a time: reference -> filter -> controller (MPC) -> supervisor.
 
 `Guidance.update` and `Guidance.step` are the whole loop, in the order in which data flows. What
-each call does is in the file of its object: `reference/reference.py`, `estimation/ekf.py`,
-`detectors/kernel.py`, `laws/tracking_controller.py` with `mpc/`, `supervisor.py` with `decision.py`
-and `command.py`, `dead_time.py`.
+each call does is in the file of its object:
+
+- `pipeline.py`: vehicle, reference, estimator and controller, and what is learnt of the vehicle
+- `../estimation/`: the filter
+- `../detectors/`: the detectors of faults
+- `supervisor.py` with `decision.py` and `command.py`: checks, and the limits of a command
+- `../laws/`, `../mpc/`: the controller
+- `dead_time.py`: compensation of the actuators' dead times around a controller
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from ..detectors.interface import Reaction
-from ..detectors.monitors import Detect, Monitors
-from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
-from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
-from ..estimation.noise import SensorNoise
+from ..detectors.monitors import Monitors
+from ..errors import GuidanceFailed, InvalidReference
 from ..layout import (
     ALARM,
     ESTIMATE,
-    INNOVATION,
-    estimate_row,
-    innovation_rows,
-    measurements_of,
+    AlarmColumn,
     sample_rows,
 )
-from ..learning.learner import Identifier
 from ..reference.path import Path
 from ..reference.reference import ConstantSpeed, Reference, check_drivable, check_pace
-from ..types import Command, Estimate, Estimator, FloatArray, Input, Measurement, State, WarmingUp
+from ..types import (
+    Command,
+    Estimate,
+    FloatArray,
+    Measurement,
+)
 from ..vehicle import Vehicle
+from .clock import GuidanceClock
 from .controllers import EstimatorFactory
-from .dead_time import Guided
-from .parts import ControllerFactory, Parts
-from .safety import SafetyLimits
+from .own_parts import HasStep, HasUpdate
+from .pipeline import ControllerFactory, Pipeline, PipelineRecipe
+from .report import GuidanceReport
+from .settings import GuidanceSettings
+from .state import GuidanceState
 from .supervisor import Supervisor
 from .user_answer import user_part
-from .views import GuidanceViews
 
-if TYPE_CHECKING:
-    from ..tube.reference_tube import TubeDesign
-
-_PSI_T: Final = (ESTIMATE.fields or {})["state"][1] // 8 + State.PSI_T
-_HEADINGS: Final = slice(_PSI_T, _PSI_T + 2)
 _WARN: Final = int(Reaction.WARN)  # an enumeration costs six calls a tick
 
 
-class Guidance(GuidanceViews):
+class Guidance(GuidanceReport):
     """Drives a vehicle along a reference, one control period after the other.
 
     Every period of `period_s`, call `update` with the samples that arrived since, then `step`:
@@ -84,18 +84,7 @@ class Guidance(GuidanceViews):
         controller: a name of `ttempc.CONTROLLERS`, a factory called with vehicle, reference and
             period [s], or a controller, which is asked as it is.
         estimator: a name of `ttempc.ESTIMATORS`, a factory of vehicle and noise, or an estimator.
-        options: keyword options of the controller by name or factory, such as `horizon`.
-        sensor_noise: standard deviations that the estimator assumes.
-        tube: of controllers that need or use one; without it `ttempc` tightens nothing.
-        safety: where the supervisor slows down and stops.
-        speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
-        learn: whether dead times, lags and lengths are learnt; or identifiers of your own.
-        learn_field: whether disturbances are learnt by place and known on the next pass over the
-            same line; or the `FieldMap.rows` of an earlier drive.
-        detect: whether the built-in detectors of faults run; or a list of the names of those that
-            run, of those that do not (`"-drift"`), and of detectors of your own beside them.
-        compensate: whether dead times are compensated around a controller by name or factory, see
-            `DeadTimeCompensation`; the estimator knows them.
+        settings: everything else, see `GuidanceSettings`.
 
     Raises:
         InvalidReference, InvalidPath: the vehicle cannot follow it: curvature, steering rates,
@@ -110,45 +99,28 @@ class Guidance(GuidanceViews):
         vehicle: Vehicle,
         reference: Reference | Path,
         period_s: float = 0.2,
-        controller: str | ControllerFactory | Guided = "ttempc",
-        estimator: str | EstimatorFactory | Estimator = "ekf",
-        *,
-        options: Mapping[str, object] | None = None,
-        sensor_noise: SensorNoise | None = None,
-        tube: TubeDesign | None = None,
-        safety: SafetyLimits | None = None,
-        speed_mps: float = 1.0,
-        learn: bool | Sequence[Identifier] = True,
-        learn_field: bool | FloatArray = False,
-        detect: Detect = True,
-        compensate: bool = True,
+        controller: str | ControllerFactory | HasStep = "ttempc",
+        estimator: str | EstimatorFactory | HasUpdate = "ekf",
+        settings: GuidanceSettings | None = None,
     ) -> None:
+        settings = settings or GuidanceSettings()
         if isinstance(reference, Reference) and reference.vehicle != vehicle:
             raise InvalidReference("reference: was made for another vehicle than the guidance")
         check_drivable(reference if isinstance(reference, Path) else reference.path, vehicle)
         if isinstance(reference, Path):
-            reference = Reference(reference, vehicle, ConstantSpeed(speed_mps))
+            reference = Reference(reference, vehicle, ConstantSpeed(settings.speed_mps))
         check_pace(reference, period_s)
-        self.period_s = period_s
-        self.tick = 0  # number of the next control tick
-        self.reference_tick = 0  # of the reference at that tick: those that waited apart
-        given = vehicle, reference, period_s, controller, estimator, options
-        noise = sensor_noise or SensorNoise()
-        self._parts = Parts(*given, noise, tube, learn, learn_field, compensate)
-        self._monitors = Monitors(detect)
-        reasons = self._monitors.reason
-        self._supervisor = Supervisor(self._parts.controller, reference, period_s, safety, reasons)
-        self._alarms = np.zeros((0, ALARM))  # of the detectors, since the last update
-        self._origin_s: float | None = None  # of the clock
-        self._time_s = -math.inf  # of the last update, from the origin
-        self.estimate_record = np.empty(0)
-        self._innovations = np.empty((0, INNOVATION))  # of the last update
-        self._view = None
-        self._stale = 0  # steps since the last update
-        self._sent = np.full(len(Input), math.nan)  # the last command
-        self._control_step = None
+        recipe = PipelineRecipe(reference, period_s, controller, estimator, settings)
+        pipeline = Pipeline(vehicle, recipe)
+        monitors = Monitors(settings.detect)
+        supervisor = Supervisor(
+            pipeline.controller, reference, period_s, settings.safety, monitors.reason
+        )
+        super().__init__(pipeline, monitors, supervisor, period_s)
+        self._clock = GuidanceClock()
+        self._steps_since_update = 0
+        self._alarms = np.zeros((0, ALARM))  # rows of the detectors, of the last update
         self._notes: tuple[str, ...] = ()  # on what was learnt since the last step
-        self.learnt = ()
 
     def update(self, time_s: float, measurements: Sequence[Measurement] | FloatArray) -> Estimate:
         """Run the estimator to `time_s` and return its estimate.
@@ -164,27 +136,33 @@ class Guidance(GuidanceViews):
             InvalidSamples: rows of another shape, a sensor that does not exist, what is no number.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
-        rows, (now, origin) = sample_rows(measurements), self._now(time_s)
-        if origin:
-            rows = rows - np.array([origin, 0.0, 0.0, 0.0, 0.0])
-        usable = self._monitors.usable(rows)  # without sensors that a detector has excluded
+        rows = sample_rows(measurements)
+        now = self._clock.seconds(time_s)
+        rows = self._clock.from_start(rows)
         self._take_on_learnt()
-        self._view = None
-        self._filter(now, usable)
-        self._time_s, self._stale = now, 0
-        estimate, vehicle = self.estimate_record, self._parts.vehicle
-        self._alarms = alarms = self._monitors.observe(
-            rows, now, self._sent, estimate, self._innovations, vehicle, self._seen
+
+        # The filter gets no samples of sensors that the detectors' last alarms exclude.
+        usable = self._monitors.usable(rows)
+        self.estimate_record, self._innovations, self._estimate = self._pipeline.observe(
+            now, usable, self._sent, self.tick, self.reference_tick
         )
-        learner, field = self._parts.learner, self._parts.field
-        faulty = bool(alarms.size and alarms[:, 0].max() > _WARN)
-        if faulty:
-            learner.forget()
-        if field is not None:
-            field.observe(self.reference_tick, estimate, not faulty)
-        learner.record(self.tick, now, usable, self._sent, *estimate[_HEADINGS].tolist())
-        seen = self._seen()
-        return replace(seen, time_s=seen.time_s + origin) if origin else seen
+        self._clock.updated_s = now
+        self._steps_since_update = 0
+
+        # The detectors get all samples, so that the alarm of a sensor can end.
+        self._alarms = self._monitors.observe(
+            rows,
+            now,
+            self._sent,
+            self.estimate_record,
+            self._innovations,
+            self._pipeline.vehicle,
+            self._seen_estimate,
+        )
+        self._learn(now, usable)
+
+        estimate = self._seen_estimate()
+        return replace(estimate, time_s=estimate.time_s + (self._clock.origin_s or 0.0))
 
     def step(self) -> Command:
         """Return the command for the period that starts at the time of the last `update`.
@@ -196,20 +174,25 @@ class Guidance(GuidanceViews):
             GuidanceFailed: `update` was not called yet.
             ControllerFailed: the controller raised, or returned no usable step.
         """
-        if self._origin_s is None:
-            raise GuidanceFailed("step: call update(time_s, measurements) first")
+        self._clock.require_update("step")
         # Without an update no time has passed by the clock; a period has for the vehicle.
-        estimate = None if self._stale else self.estimate_record
-        now = self._time_s + self._stale * self.period_s
-        self._stale += 1
-        supervisor = self._supervisor
-        k = self.reference_tick
-        # The supervisor compares the estimate with tick k of the reference. The controller adds
+        is_stale = self._steps_since_update > 0
+        estimate = None if is_stale else self.estimate_record
+        now = self._clock.updated_s + self._steps_since_update * self.period_s
+        self._steps_since_update += 1
+
+        # The supervisor compares the estimate with a tick of the reference. The controller adds
         # feedforward, feedback (MPC) and robust action; the supervisor limits their sum.
-        if supervisor.decide(estimate, k, now, self._alarms):
-            supervisor.compute_command(self.estimate_record, k, self._seen)
+        supervisor = self._supervisor
+        if supervisor.decide(estimate, self.reference_tick, now, self._alarms):
+            supervisor.compute_command(
+                self.estimate_record, self.reference_tick, self._seen_estimate
+            )
         self._sent = supervisor.finish()
-        self.learnt, self._notes, self._control_step = self._notes, (), None
+
+        self.learnt = self._notes
+        self._notes = ()
+        self._control_step = None
         self.tick += 1
         self.reference_tick += not supervisor.waits
         return Command(*self._sent.tolist())
@@ -223,8 +206,7 @@ class Guidance(GuidanceViews):
         Raises:
             GuidanceFailed: `update` was not called yet.
         """
-        if self._origin_s is None:
-            raise GuidanceFailed("resume: call update(time_s, measurements) first")
+        self._clock.require_update("resume")
         self._monitors.resume(self.estimate_record.view(ESTIMATE)[0]["map_disturbance"])
         self._supervisor.resume()
 
@@ -237,9 +219,8 @@ class Guidance(GuidanceViews):
             GuidanceFailed: the estimator or the controller raised.
         """
         with user_part(GuidanceFailed, "warm_up raised"):
-            for part in (*self._parts.own, self._supervisor, self._monitors):
-                if isinstance(part, WarmingUp):
-                    part.warm_up()
+            for part in (self._pipeline, self._supervisor, self._monitors):
+                part.warm_up()
 
     def wait(self) -> None:
         """Wait for what is learnt and due at the next tick; nothing else waits for it.
@@ -248,7 +229,7 @@ class Guidance(GuidanceViews):
         the time that computing takes, without limit. A vehicle does not call it: `update` takes
         what was learnt when it is ready.
         """
-        self._parts.learner.wait(self.tick)
+        self._pipeline.learner.wait(self.tick)
 
     def prepare(self) -> None:
         """Do the work of the next `step` that needs no samples, where the controller can.
@@ -261,44 +242,60 @@ class Guidance(GuidanceViews):
         with user_part(GuidanceFailed, f"prepare raised at tick {self.tick}"):
             self._supervisor.prepare(self.reference_tick)
 
-    def _now(self, time_s: float) -> tuple[float, float]:
-        """Return a time from the first update on [s], and the time of that update [s]."""
-        try:
-            finite = math.isfinite(time_s)
-        except (OverflowError, TypeError) as error:
-            raise InvalidTime(f"update: time_s: {error}, must be a finite number") from None
-        if not finite:
-            raise InvalidTime(f"update: time_s = {time_s}, must be finite")
-        if self._origin_s is None:
-            self._origin_s = time_s
-        # Seconds from the start keep their resolution; those of the Unix epoch have steps of 2e-7.
-        now = time_s - self._origin_s
-        if (late := self._time_s - now) > 0.0:
-            raise InvalidTime(f"update: time_s = {time_s} is {late:g} s before the last update")
-        return now, self._origin_s
+    @property
+    def state(self) -> GuidanceState:
+        """Memory of the guidance; it changes with every tick, its `copy` does not."""
+        return GuidanceState(
+            tick=self.tick,
+            reference_tick=self.reference_tick,
+            origin_s=self._clock.origin_s,
+            updated_s=self._clock.updated_s,
+            steps_since_update=self._steps_since_update,
+            sent=self._sent,
+            estimate=self.estimate_record,
+            innovations=self._innovations,
+            alarms=self._alarms,
+            estimator=self._pipeline.estimator.memory(),
+            detectors=self._monitors.memory(),
+            supervisor=self._supervisor.memory(),
+            controller=self._supervisor.controller.memory(),
+        )
+
+    def restore(self, state: GuidanceState) -> None:
+        """Go on from a state of this guidance, or of one that was made alike; nothing is shared.
+
+        The learner forgets what it has recorded.
+        """
+        self.tick = state.tick
+        self.reference_tick = state.reference_tick
+        self._clock.origin_s = state.origin_s
+        self._clock.updated_s = state.updated_s
+        self._steps_since_update = state.steps_since_update
+        self._sent = state.sent.copy()
+        self.estimate_record = state.estimate.copy()
+        self._innovations = state.innovations.copy()
+        self._alarms = state.alarms.copy()
+        self._estimate = None
+        self._control_step = None
+        self._pipeline.estimator.restore(state.estimator)
+        self._pipeline.learner.forget()
+        self._monitors.restore(state.detectors)
+        self._supervisor.restore(state.supervisor)
+        self._supervisor.controller.restore(state.controller)
 
     def _take_on_learnt(self) -> None:
         """Exchange the parts for those of learnt parameters, if such are due at this tick."""
-        new, notes = self._parts.exchange(self.tick, self._sent)
-        if new and new.estimator is not None:
+        new, notes = self._pipeline.exchange(self.tick, self._sent)
+        if new is not None and new.estimator is not None:
             self._monitors.forget_pose()
-        if new and new.controller is not None:
+        if new is not None and new.controller is not None:
             self._supervisor.exchange(new.controller, new.reference)
         self._notes = notes or self._notes
 
-    def _filter(self, now: float, rows: FloatArray) -> None:
-        """Run the estimator; a user's gets objects, and its estimate is copied into the record."""
-        filter_ = self._parts.estimator
-        if isinstance(filter_, ExtendedKalmanFilter) and type(filter_) is ExtendedKalmanFilter:
-            field = self._parts.field
-            change = NO_CHANGE if field is None else field.change(self.reference_tick)
-            self.estimate_record, self._innovations = filter_.observe(now, rows, self._sent, change)
-            return
-        sent = Command(*self._sent.tolist()) if self.tick else None
-        with user_part(EstimatorFailed, f"the estimator raised at {now:.3f} s"):
-            estimate: object = filter_.update(now, measurements_of(rows), sent)
-        if not isinstance(estimate, Estimate):
-            got = type(estimate).__name__
-            raise EstimatorFailed(f"the estimator returned {got} at {now:.3f} s, not an Estimate")
-        self._view, self.estimate_record = estimate, estimate_row(estimate)
-        self._innovations = innovation_rows(estimate.innovations)
+    def _learn(self, now: float, rows: FloatArray) -> None:
+        """Record the tick for the learner; a vehicle with a fault teaches nothing."""
+        reactions = self._alarms[:, AlarmColumn.REACTION]
+        is_faulty = bool(reactions.size and reactions.max() > _WARN)
+        self._pipeline.learn(
+            self.tick, now, rows, self._sent, self.estimate_record, self.reference_tick, is_faulty
+        )

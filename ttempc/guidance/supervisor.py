@@ -8,7 +8,7 @@ records; `reasons.py` makes words of them when someone looks.
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,6 @@ from ..types import (
     Estimate,
     FloatArray,
     Input,
-    Preparing,
-    SpaceBased,
     State,
 )
 from ..vehicle import CommandLimits, Vehicle
@@ -61,6 +59,15 @@ def run_on(ticks: int) -> int:
     return math.ceil(_BEYOND_SHARE * ticks)
 
 
+class SupervisorMemory(NamedTuple):
+    """What the supervisor remembers from tick to tick."""
+
+    guard: FloatArray  # record `GUARD`
+    tick: FloatArray  # record `TICK` of the last step
+    commands: FloatArray  # (n, 3) under way, the newest first; see `DeadTimeCompensation`
+    stop_reason: str
+
+
 class Supervisor:
     """Runs a controller as long as estimate and reference allow it.
 
@@ -81,7 +88,8 @@ class Supervisor:
       down to the limits. In reverse the controller steers meanwhile: a trailer folds otherwise.
     - A controller whose plan leaves the corridor or its hitch angle: half speed until it does not,
       or until the vehicle lags a metre behind.
-    - Errors are those to the reference of the tick, with `SpaceBased` those to its nearest tick.
+    - Errors are those to the reference of the tick; of a `space_based` controller, to its nearest
+      tick.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
       limits.
 
@@ -99,13 +107,13 @@ class Supervisor:
         controller: Controller | DeadTimeCompensation,
         reference: Reference,
         period_s: float,
-        safety: SafetyLimits | None,
+        safety: SafetyLimits,
         reasons: Callable[[int, FloatArray], str],
     ) -> None:
         self._period_s = period_s
-        self._safety = safety or SafetyLimits()
+        self._safety = safety
         self._reasons = reasons
-        self.space_based = isinstance(controller, SpaceBased) and controller.space_based
+        self.space_based = controller.space_based
         self._guard = np.zeros(GUARD.itemsize // 8)
         self.tick = new_tick()  # record `TICK` of the last step
         self._follow(controller, reference)
@@ -136,15 +144,15 @@ class Supervisor:
         """Take a controller and the constants of its reference."""
         if isinstance(controller, DeadTimeCompensation):
             self._dead_times = controller
-            self._controller = controller.controller
+            self.controller = controller.controller
             self._commands = controller.commands
             hold_back = controller.hold_back
         else:
             self._dead_times = None
-            self._controller = controller
+            self.controller = controller
             self._commands = np.zeros((0, 3))
             hold_back = np.zeros((3, 2))
-        self._law = self._controller if isinstance(self._controller, TrackingController) else None
+        self._law = self.controller if isinstance(self.controller, TrackingController) else None
 
         grid = reference.on_grid(self._period_s)
         if self.space_based:
@@ -183,10 +191,22 @@ class Supervisor:
         guard["lost"] = 0.0
         guard["body_error"] = math.nan
 
+    def memory(self) -> SupervisorMemory:
+        """Return what the supervisor remembers; it shares its arrays."""
+        return SupervisorMemory(self._guard, self.tick, self._commands, self._stop_reason)
+
+    def restore(self, memory: SupervisorMemory) -> None:
+        """Remember what `memory` returned, of this supervisor or of a copy of it."""
+        self._guard[:] = memory.guard
+        self.tick[:] = memory.tick
+        self._commands[:] = memory.commands
+        self._stop_reason = memory.stop_reason
+        self._answered = None
+        self._asked = None
+
     def prepare(self, k: int) -> None:
         """Let the controller prepare tick `k`, where it can, and fill the caches."""
-        if isinstance(self._controller, Preparing):
-            self._controller.prepare(k)
+        self.controller.prepare(k)
         self.warm_up()
 
     def warm_up(self) -> None:
@@ -259,7 +279,7 @@ class Supervisor:
             if self._law is not None:
                 self._answered = self._law.act(row, seen, k, before.copy(), self.tick)
                 return
-            answer: object = self._controller.step(seen(), k)
+            answer: object = self.controller.step(seen(), k)
         command, self._answered = checked_answer(answer, k)
         write_told(self._answered, self.tick)
         control = self.tick.view(TICK)[0]["control"]

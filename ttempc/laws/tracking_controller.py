@@ -13,13 +13,13 @@ from ..layout import ESTIMATE, TICK, estimate_row, estimate_view, new_tick
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import (
     Command,
+    Controller,
     ControlStep,
     Diagnostics,
     Estimate,
     FloatArray,
+    Immutable,
     Input,
-    Resuming,
-    Shared,
     SolverReport,
     State,
 )
@@ -71,7 +71,10 @@ class FeedbackLaw:
         raise NotImplementedError
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `ttempc.types.Preparing`."""
+        """Get ready for tick `k`, see `ttempc.types.Controller.prepare`."""
+
+    def resume(self, previous: object) -> None:
+        """Continue after the law for other model parameters; one without memory starts anew."""
 
     def warm_up(self) -> None:
         """Run, after a step, the code that a later one may need besides; on a copy of the law."""
@@ -108,7 +111,7 @@ def _near(value: float, planned: float) -> float:
     return min(max(value, planned - most), planned + most)
 
 
-class TrackingController:
+class TrackingController(Controller):
     """Feedforward along a precomputed reference, a feedback law, and the vehicle's limits.
 
     Feedforward and actions are in terms of lambda = beta + delta_i. The command is
@@ -163,14 +166,13 @@ class TrackingController:
         controller.feedback.warm_up()
 
     def resume(self, previous: object) -> None:
-        """Continue after a controller for other model parameters, see `ttempc.types.Resuming`.
+        """Continue after a controller for other model parameters, see `Controller.resume`.
 
-        The rate limits start at its last command. A law without a method `resume` starts anew.
+        The rate limits start at its last command.
         """
         if isinstance(previous, TrackingController):
             self._previous = previous._previous
-            if isinstance(self.feedback, Resuming):
-                self.feedback.resume(previous.feedback)
+            self.feedback.resume(previous.feedback)
 
     def prepare(self, k: int) -> None:
         self.feedback.prepare(min(k, len(self._feedforward) - 1))
@@ -226,7 +228,7 @@ class TrackingController:
         return ControlStep(Command(*self._previous.tolist()), diagnostics)
 
 
-class ExactCourse(Shared):
+class ExactCourse(Immutable):
     """A reference at control ticks, and the inputs of its exact geometry as feedforward.
 
     `grid` has N + 1 ticks, to the end of the reference and `beyond` further; `feedforward`

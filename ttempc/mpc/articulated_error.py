@@ -19,7 +19,7 @@ from ..models.kinematics import trailer_point_jacobian
 from ..models.linear import zero_order_hold
 from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, Shared, State
+from ..types import Disturbance, Estimate, FloatArray, Immutable, Input, MapDisturbance, State
 from ..vehicle import CommandLimits, Vehicle
 from .condensing import StageBounds, Work
 from .lmpc import OutputBounds
@@ -33,7 +33,7 @@ def rotation(angle: FloatArray) -> FloatArray:
     return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
 
 
-class PredictedPath(Shared):
+class PredictedPath(Immutable):
     """Path of both axle points under a plan, to first order in the errors."""
 
     def __init__(self, grid: ReferenceSample) -> None:

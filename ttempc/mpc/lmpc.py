@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InvalidTuning, check_choice, check_count, check_vector
 from ..models.kinematics import Error
-from ..types import FloatArray, Input, Shared, SolverReport
+from ..types import FloatArray, Immutable, Input, SolverReport
 from .condensing import (
     StageBounds,
     Stages,
@@ -96,7 +96,7 @@ class OutputBounds:
         )
 
 
-class CondensedHorizon(Shared):
+class CondensedHorizon(Immutable):
     """QPs of all ticks along a reference; only the state and the previous input are left open.
 
     The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). The states of the

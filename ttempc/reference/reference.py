@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidPath, InvalidReference
-from ..types import FloatArray, Input, Shared, State
+from ..types import FloatArray, Immutable, Input, State
 from ..vehicle import Vehicle
 from .corridor import Corridor
 from .path import Path
@@ -137,7 +137,7 @@ class ReferenceSample:
 
 
 @dataclass(frozen=True)
-class Reference(Shared):
+class Reference(Immutable):
     """Both axle points of the vehicle on one path, as functions of time.
 
     A trailer whose steering does not suffice, or is absent, is beside it in turns, see `tow`.

@@ -322,7 +322,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         return math.dist(now.tractor[:2], (x_t, y_t)), math.dist(now.trailer[:2], (x_i, y_i))
 
 
-class _Actions:
+class _Actions(Controller):
     """Controller whose command is the action of an environment; the supervisor limits it."""
 
     def __init__(self, environment: FieldTrial) -> None:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ttempc.guidance.own_parts import HasStep, as_controller
 from ttempc.laws.tracking_controller import TrackingController, View
 from ttempc.layout import TICK
 from ttempc.models.kinematics import Error, estimated_error
@@ -20,7 +21,6 @@ from ttempc.types import (
     Estimate,
     FloatArray,
     Input,
-    SpaceBased,
     State,
 )
 from ttempc.vehicle import CommandLimits
@@ -104,7 +104,7 @@ def half_range(limits: CommandLimits) -> FloatArray:
 
 
 def add_residual(
-    inner: Controller, residual: Residual, share: float, reference: Reference, period_s: float
+    inner: HasStep, residual: Residual, share: float, reference: Reference, period_s: float
 ) -> Controller:
     """Return a controller that adds a share of the commands' range to those of another one.
 
@@ -126,7 +126,7 @@ def add_residual(
 
     if isinstance(inner, TrackingController):
         return _Within(inner, added)
-    return _Around(inner, added, limits, limits.clamp(reference.at(0.0).inputs))
+    return _Around(as_controller(inner), added, limits, limits.clamp(reference.at(0.0).inputs))
 
 
 class _Within(TrackingController):
@@ -141,7 +141,7 @@ class _Within(TrackingController):
         self._inner.warm_up()
 
     def resume(self, previous: object) -> None:
-        """Continue after a controller for other model parameters, see `Resuming`."""
+        """Continue after a controller for other model parameters, see `Controller.resume`."""
         super().resume(previous)
         if isinstance(previous, _Within):
             self._last = previous._last
@@ -156,14 +156,14 @@ class _Within(TrackingController):
         return told
 
 
-class _Around:
+class _Around(Controller):
     """Adds to the commands of a user's controller."""
 
     def __init__(
         self, inner: Controller, added: Residual, limits: CommandLimits, sent: FloatArray
     ) -> None:
         self._inner, self._added, self._limits, self._sent = inner, added, limits, sent
-        self.space_based = isinstance(inner, SpaceBased) and inner.space_based
+        self.space_based = inner.space_based
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""

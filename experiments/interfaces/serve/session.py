@@ -11,10 +11,11 @@ from typing import Final
 from ttempc.detectors.interface import Alarm, Observation, Reaction
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.safety import SafetyLimits
+from ttempc.guidance.settings import GuidanceSettings
 from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Projection
 from ttempc.reference.reference import Reference
-from ttempc.types import Command, Estimate, Input, State
+from ttempc.types import Command, Controller, Estimate, Input, State
 from ttempc.vehicle import Vehicle
 
 from ....testbed.errors import StageFailed
@@ -61,7 +62,7 @@ class SessionSettings:
     hold_s: float = 1.0  # for which the last command is held before the vehicle stops
 
 
-class RemoteController:
+class RemoteController(Controller):
     """Controller that returns the command of a session's peer.
 
     Where the peer gives no hydrostat position, the speed of the reference is held,
@@ -198,10 +199,14 @@ class Session:
         """
         self._period_s = scenario.control.period_s
         silence = SilenceDetector(self.commands, self._settings.hold_s)
-        safety = _FREE if self._protocol.space_based else None
+        safety = _FREE if self._protocol.space_based else SafetyLimits()
         kind = Guidance if self._settings.lockstep else PacedGuidance
-        guide = partial(kind, safety=safety, detect=(silence,))  # pyright: ignore[reportArgumentType] - a detector by shape
-        assembly = assemble(scenario, seed, factory, guide=guide)
+
+        def of_session(settings: GuidanceSettings) -> GuidanceSettings:
+            """Watch the peer beside the built-in detectors, whatever the scenario chooses."""
+            return replace(settings, safety=safety, detect=(silence,))
+
+        assembly = assemble(scenario, seed, factory, kind=kind, adjust=of_session)
         guidance = self._guidance = assembly.guidance
         guidance.warm_up()  # so that the peer is not kept waiting by the compiler
         self._ticks = assembly.ticks

@@ -22,7 +22,7 @@ from ttempc.models.augmented_state import (
 )
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Command, Disturbance, MapDisturbance, State
+from ttempc.types import Command, Controller, Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
@@ -117,7 +117,7 @@ def test_the_controller_gets_the_state_at_which_its_command_acts(dead_times, sto
     reference = reference_of(vehicle)
     generator, estimates, command = np.random.default_rng(3), [], np.array([0.0, 0.0, 0.7])
 
-    class Recorder:
+    class Recorder(Controller):
         def step(self, estimate, k):
             estimates.append(estimate)
             nonlocal command

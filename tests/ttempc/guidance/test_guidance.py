@@ -28,6 +28,7 @@ from ttempc.errors import (
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.guidance import Guidance
+from ttempc.guidance.settings import GuidanceSettings
 from ttempc.learning.learner import Identification, ParameterChange
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -90,7 +91,7 @@ class Driven:
 
 def test_a_step_without_an_update_holds_the_command_and_then_stops():
     """A sensor callback that dies: the estimate is old, and no clock says so."""
-    driven = Driven(Guidance(VEHICLE, PATH, learn=False))
+    driven = Driven(Guidance(VEHICLE, PATH, settings=GuidanceSettings(learn=False)))
     drive = SensedDrive(seed=4, estimator=driven)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("tests.ttempc.sensed_drive.make_controller", lambda *arguments: driven)
@@ -174,9 +175,13 @@ def test_calls_out_of_order_are_refused(samples):
     [
         ({"controller": "papier"}, UnknownController, "'papier'"),
         ({"estimator": "ukf"}, UnknownEstimator, "allowed are ekf"),
-        ({"options": {"colour": 1}, "controller": "feedforward"}, InvalidTuning, "colour"),
+        (
+            {"settings": GuidanceSettings(options={"colour": 1}), "controller": "feedforward"},
+            InvalidTuning,
+            "colour",
+        ),
         ({"reference": figure_eight(radius_m=2.0)}, InvalidPath, "too tight"),
-        ({"speed_mps": 3.0}, InvalidReference, "hydrostat"),
+        ({"settings": GuidanceSettings(speed_mps=3.0)}, InvalidReference, "hydrostat"),
         (
             {"reference": Reference(PATH, replace(VEHICLE, wheelbase=2.0), ConstantSpeed(1.0))},
             InvalidReference,
@@ -238,9 +243,8 @@ def received():
 
 def driven(received, *identifiers, controller: Any = "ttempc", estimator: Any = "ekf"):
     """Return a guidance after all received, its commands (N, 3) and what was learnt by tick."""
-    guidance = Guidance(
-        VEHICLE, PATH, PERIOD_S, controller, estimator, learn=identifiers, detect=False
-    )
+    settings = GuidanceSettings(learn=identifiers, detect=False)
+    guidance = Guidance(VEHICLE, PATH, PERIOD_S, controller, estimator, settings)
     sent, learnt = [], {}
     for k, measurements in enumerate(received):
         guidance.wait()
@@ -278,6 +282,28 @@ def test_copies_of_a_guidance_drive_on_alike(received, name):
             parts = each.estimate_record, each._monitors.record, each.tick_record
             records.add(b"".join(part.tobytes() for part in parts))
         assert len(records) == 1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_drive_goes_back_to_a_copied_state(received, name):
+    """The same samples after it give the same bits; the copy outlives both drives."""
+    guidance = Guidance(VEHICLE, PATH, controller=name, settings=GuidanceSettings(learn=False))
+
+    def drive(ticks):
+        records = []
+        for k in ticks:
+            guidance.update(k * PERIOD_S, received[k])
+            guidance.step()
+            records.append(guidance.estimate_record.tobytes() + guidance.tick_record.tobytes())
+        return records
+
+    drive(range(35))
+    state = guidance.state.copy()
+    first = drive(range(35, 60))
+    for _ in range(2):
+        guidance.restore(state)
+        assert guidance.tick == 35
+        assert drive(range(35, 60)) == first
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -14,12 +14,13 @@ CONTROLLERS = ("ttempc", "paper", "nmpc-rti", "lqr", "pid")
 DRIVE = """
 import json, sys
 import numpy as np
-from ttempc import Guidance, Vehicle, figure_eight
+from ttempc import Guidance, GuidanceSettings, Vehicle, figure_eight
 from ttempc.estimation.filter.predict import predict
 from ttempc.types import Measurement, Sensor
 
 def drive(controller):
-    guidance = Guidance(Vehicle(), figure_eight(), controller=controller, learn=False)
+    settings = GuidanceSettings(learn=False)
+    guidance = Guidance(Vehicle(), figure_eight(), controller=controller, settings=settings)
     rng = np.random.default_rng(9444)
     commands = []
     for tick in range(20):

@@ -7,7 +7,7 @@ import pytest
 
 from tests.reference.models.kinematics import advance
 from tests.ttempc.sensed_drive import SensedDrive
-from ttempc import Guidance, Reference, Vehicle, figure_eight
+from ttempc import Guidance, GuidanceSettings, Reference, Vehicle, figure_eight
 from ttempc.errors import InvalidPath, InvalidTuning
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.layout import ESTIMATE, SAMPLE, estimate_row, sample_rows
@@ -95,7 +95,7 @@ def test_a_slope_that_the_estimate_has_is_no_change():
 @pytest.mark.parametrize("rows", [np.zeros((3, 4)), np.full((2, 12), np.nan)])
 def test_what_are_no_rows_of_a_map_are_refused(rows):
     with pytest.raises(InvalidTuning, match="learn_field"):
-        Guidance(VEHICLE, figure_eight(), learn_field=rows)
+        Guidance(VEHICLE, figure_eight(), settings=GuidanceSettings(learn_field=rows))
 
 
 def test_a_headland_of_two_passes_closes():

@@ -1,45 +1,58 @@
-"""Views of the last update and the last step of a guidance."""
+"""Reports of a guidance: what its last update and its last step found and did."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+
+import numpy as np
 
 from ..detectors.interface import Alarm, Detector
 from ..detectors.monitors import Monitors
 from ..errors import GuidanceFailed
-from ..layout import Innovations, estimate_view
+from ..layout import INNOVATION, Innovations, estimate_view
 from ..reference.reference import Reference
-from ..types import Command, ControlStep, Diagnostics, Estimate, FloatArray
+from ..types import Command, ControlStep, Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import Vehicle
-from .parts import Parts
+from .pipeline import Pipeline
 from .supervisor import Supervisor
 
 
-class GuidanceViews:
-    """Views of the records of a guidance, made when somebody looks; see `Guidance`."""
+class GuidanceReport:
+    """Parts and records of a guidance, and views of them that are made when somebody looks."""
 
-    period_s: float  # control period [s]
-    tick: int  # number of the next control tick
-    reference_tick: int  # of the reference at that tick: those that waited apart
-    estimate_record: FloatArray  # `ttempc.layout.ESTIMATE` of the last update
-    learnt: tuple[str, ...]  # model parameters that act from the last step on
-    _supervisor: Supervisor
-    _parts: Parts
-    _monitors: Monitors
-    _innovations: FloatArray  # of the last update
-    _sent: FloatArray  # the last command
-    _view: Estimate | None  # of the last update, once somebody has looked
-    _control_step: ControlStep | None  # likewise of the last step
+    def __init__(
+        self, pipeline: Pipeline, monitors: Monitors, supervisor: Supervisor, period_s: float
+    ) -> None:
+        self._pipeline = pipeline
+        self._monitors = monitors
+        self._supervisor = supervisor
+
+        self.period_s = period_s
+        """Control period [s]."""
+        self.tick = 0
+        """Number of the next control tick."""
+        self.reference_tick = 0
+        """Tick of the reference at that tick: without those at which it waited."""
+        self.estimate_record: FloatArray = np.empty(0)
+        """Record `ttempc.layout.ESTIMATE` of the last update."""
+        self.learnt: tuple[str, ...] = ()
+        """Model parameters that were learnt and act from the last step on, in words."""
+
+        self._sent = np.full(len(Input), math.nan)  # the last command
+        self._innovations = np.empty((0, INNOVATION))  # rows of the last update
+        self._estimate: Estimate | None = None  # of the last update, once looked at
+        self._control_step: ControlStep | None = None  # of the last step, once looked at
 
     @property
     def vehicle(self) -> Vehicle:
         """Model parameters, those that were learnt included."""
-        return self._parts.vehicle
+        return self._pipeline.vehicle
 
     @property
     def reference(self) -> Reference:
         """The reference that is followed, for the present model parameters."""
-        return self._parts.reference
+        return self._pipeline.reference
 
     @property
     def finished(self) -> bool:
@@ -76,9 +89,10 @@ class GuidanceViews:
         """Time of the last step's solver as it reports it [s]; 0 where none was needed."""
         return self._supervisor.solve_time_s
 
-    def predicted_path(self) -> FloatArray | None:
-        """Return `Diagnostics.predicted_path` of the last step; call it before `prepare`."""
-        return self._supervisor.predicted_path()
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """Explanation of the last command: actions, solver, tracking error, fallback."""
+        return self.control_step.diagnostics
 
     @property
     def control_step(self) -> ControlStep:
@@ -94,13 +108,12 @@ class GuidanceViews:
             self._control_step = ControlStep(Command(*self._sent.tolist()), diagnostics)
         return self._control_step
 
-    @property
-    def diagnostics(self) -> Diagnostics:
-        """Explanation of the last command: actions, solver, tracking error, fallback."""
-        return self.control_step.diagnostics
+    def predicted_path(self) -> FloatArray | None:
+        """Return `Diagnostics.predicted_path` of the last step; call it before `prepare`."""
+        return self._supervisor.predicted_path()
 
-    def _seen(self) -> Estimate:
-        """Return the view of the present estimate."""
-        if self._view is None:
-            self._view = estimate_view(self.estimate_record, Innovations(self._innovations))
-        return self._view
+    def _seen_estimate(self) -> Estimate:
+        """Return the view of the present estimate, made when somebody looks."""
+        if self._estimate is None:
+            self._estimate = estimate_view(self.estimate_record, Innovations(self._innovations))
+        return self._estimate
