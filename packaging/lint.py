@@ -137,16 +137,19 @@ def readable_faults() -> dict[str, list[readable.Fault]]:
         name: [fault for module in where for fault in rule(module)]
         for name, (rule, where) in rules.items()
     }
-    for page in (
-        ROOT / "README.md",
-        ROOT / "CONTRIBUTING.md",
-        *sorted((ROOT / "docs").glob("*.md")),
-    ):
+    for page in _texts():
         place = page.relative_to(ROOT).as_posix()
-        for number, line in enumerate(page.read_text().splitlines(), start=1):
+        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1):
             for message in readable.stale(line, ROOT, names):
                 faults["stale"].append(readable.Fault(place, number, message))
     return faults
+
+
+def _texts() -> list[Path]:
+    """Return the pages, and the data files whose comments a user reads."""
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+    data = [file for folder in PROJECT for file in sorted((ROOT / folder).rglob("*.toml"))]
+    return pages + data
 
 
 def _names_of_tables() -> set[str]:

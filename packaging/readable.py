@@ -23,7 +23,7 @@ SHORTEST_NAME = 4  # symbols of equations are shorter
 _CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 _PATH = re.compile(r"\b(?:docs|experiments|packaging|tests|testbed|ttempc|mjcf)/[\w./-]*\w")
 _PATH_SUFFIXES = (".md", ".py", ".toml", ".json", ".html", ".xml", ".ipynb")
-_PLACEHOLDER = re.compile(r"\b[A-Z]+\b")  # `NAME` in `docs/examples/NAME.py`
+_PLACEHOLDER = re.compile(r"\b[A-Z]+\b")  # in a path, as NAME
 _QUOTED = re.compile(r"(?<!`)`([A-Za-z_][\w.]*)(?:\(\))?`(?!`)")
 
 
@@ -210,6 +210,8 @@ def stale(text: str, root: Path, names: set[str]) -> Iterator[str]:
         if checked and path not in names and not (root / path).exists():
             yield f"{path} does not exist"
     for name in _QUOTED.findall(text):
+        if "NAME" in name:  # a placeholder, as `observe_NAME`
+            continue
         for part in name.split("."):
             if len(part) >= SHORTEST_NAME and part not in names:
                 yield f"`{name}` does not exist"

@@ -37,7 +37,7 @@ from proving_ground.experiments.errors import ExperimentError
 from proving_ground.experiments.interfaces.gym_env.environment import FieldTrial
 from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol, frame
 from proving_ground.experiments.interfaces.serve.session import SessionSettings
-from proving_ground.experiments.papers.tables import markdown
+from proving_ground.experiments.papers.markdown import markdown
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.studies.sweep.results import rows

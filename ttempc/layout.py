@@ -243,7 +243,7 @@ class ControlColumn(IntEnum):
 
 
 class BodyError(IntEnum):
-    """Columns of the body error z_e, the first ones of `TICK.tracking`.
+    """Columns of the body error, the first ones of `TICK.tracking`.
 
     It is the reference in the frames of the vehicle's bodies: distances ahead and to the left of
     each axle point, and yaw. The laws have an error of their own, in the frame of the reference.

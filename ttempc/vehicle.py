@@ -86,6 +86,11 @@ class Vehicle:
             )
 
     @property
+    def is_plain(self) -> bool:
+        """Whether the trailer has no steering."""
+        return self.steering_limit_i == 0.0
+
+    @property
     def drawbar_offset(self) -> float:
         """L^d [m], rear axle of the tractor to RJ2 if the drawbar is in line with the tractor."""
         return self.hitch_offset + self.drawbar_length

@@ -32,6 +32,7 @@ _DEMO_SIZE: Final = (640, 360)
     out("DIR", "default: a new one in runs/"),
     *options.CHANGES,
     options.CONTROLLER,
+    options.VEHICLE,
     options.SEED,
     json_of("the summary"),
     options.QUIET,
@@ -129,7 +130,8 @@ def demo(arguments: argparse.Namespace) -> int:
     shown = Recording(shown=True)
     finished = run(name, scenario, arguments.seed, folder, make=first_seconds, recording=shown)
     finished = _with_page(finished)
-    log, file = finished.files["log"], folder / "film.webp"
+    log = finished.files["log"]
+    file = folder / "film.webp"
 
     def write(camera: Camera) -> None:
         film = Film.of(log, FilmSettings(camera=camera, speed=_DEMO_SPEED, size=_DEMO_SIZE))
@@ -192,13 +194,15 @@ def _with_page(finished: Finished) -> Finished:
 
 def _print(finished: Finished, **further: Path) -> None:
     """Print the results; the last line names what to open."""
+    from ..results.mismatch import format_mismatch, mismatch_rows
     from ..results.table import format_events, format_run
 
     print(format_run(finished.summary))
     for line in format_events(finished.record.events, finished.files["report"].parent):
         print(line)
-    if finished.mismatch:
-        print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
+    given = ", ".join(map(str, finished.mismatch))
+    for line in format_mismatch(mismatch_rows(given, finished.summary.learnt)):
+        print(line)
     for note in finished.notes:
         print(f"{note[0].upper()}{note[1:]}")
     print()
@@ -207,7 +211,7 @@ def _print(finished: Finished, **further: Path) -> None:
     print(f"\nopen {finished.files['report']}")
 
 
-_PORTS: Final = {"json": 8890, "agopengps": 8888}
+_PORTS: Final = {"json": 8890, "agopengps": 8888, "agopenweb": 8888}
 
 
 @command(
@@ -250,15 +254,15 @@ _PORTS: Final = {"json": 8890, "agopengps": 8888}
     option(
         "--hold",
         type=options.positive,
-        default=1.0,
         metavar="S",
-        help="simulated time for which the last command is held (default: 1)",
+        help="simulated time for which the last command is held (default: 1, of agopengps 0.15)",
     ),
 )
 def serve(arguments: argparse.Namespace) -> int:
     """Drive one scenario in real time with a controller of your own over UDP, and write
     what `ttempc run` writes. docs/integrations.md describes the protocols: json, or
-    agopengps with the plant in the place of the modules of AgOpenGPS.
+    agopengps with the plant in the place of the modules of AgOpenGPS or AgOpenWeb, whose
+    frames tell which of them it is; agopenweb where that is known.
 
     A command that does not come in time is replaced by the last one; after --hold the
     vehicle stops until there is one again. With --step the plant waits for every command.
@@ -273,6 +277,8 @@ def serve(arguments: argparse.Namespace) -> int:
     port = _PORTS[arguments.protocol] if arguments.port is None else arguments.port
     address = address_of(arguments.host, port, "--host")
     peer = None if arguments.peer is None else peer_of(arguments.peer)
+    protocol = PROTOCOLS[arguments.protocol]()
+    arguments.overrides = [*protocol.defaults, *arguments.overrides]
     name, scenario = options.load_scenario(arguments)
     compile_in_two_processes(arguments)
     settings = SessionSettings(
@@ -288,7 +294,10 @@ def serve(arguments: argparse.Namespace) -> int:
         if not is_local(link.address):
             reach = f"with the address {text_of(peer)}" if peer else "who reaches it"
             _say(f"everyone {reach} may drive: UDP has neither password nor encryption")
-        protocol = PROTOCOLS[arguments.protocol]()
+        if protocol.defaults:
+            _say(
+                f"{arguments.protocol}: {', '.join(protocol.defaults)}, unless --set says otherwise"
+            )
         finished, totals = serve(
             name, scenario, arguments.seed, folder, link, protocol, settings, _say
         )

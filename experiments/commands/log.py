@@ -42,7 +42,9 @@ def export(arguments: argparse.Namespace) -> int:
     from ...testbed.log.reader import read_content
     from ..logs.export import export_log
 
-    log, form, content = arguments.log, arguments.form, read_content(arguments.log)
+    log = arguments.log
+    form = arguments.form
+    content = read_content(arguments.log)
     files = export_log(content, arguments.out or log.with_name(f"{log.stem}-{form}"), form)
     if content.salvage:
         print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
@@ -80,6 +82,7 @@ def replay(arguments: argparse.Namespace) -> int:
 
       ttempc log replay LOG.mcap --set controller.noise.gnss_sd_m=0.05
     """
+    from ...testbed.recording.record import NOT_MEASURED_KEY
     from ..logs.replay import estimator_of, read_run, replay, same_as_recorded
     from ..results.consistency import consistency, format_consistency
     from ..run.user_code import refuse_untrusted
@@ -96,7 +99,53 @@ def replay(arguments: argparse.Namespace) -> int:
     same = "the" if same_as_recorded(estimates, record) else "other than the"
     run = f"{record.metadata['scenario']}, seed {record.metadata['seed']}"
     print(one_line(f"{run}, estimator {name}: {same} estimates of the run"), end="\n\n")
+    if (lacking := record.metadata.get(NOT_MEASURED_KEY, "none")) != "none":
+        print(one_line(f"not measured, computed from the track: {lacking}"), end="\n\n")
     print("\n".join(format_consistency(consistency(estimates, record))))
+    return 0
+
+
+@command(
+    option("source", type=Path, metavar="FILE", help="record, or folder of a bag"),
+    option("--map", type=Path, metavar="MAP.toml", help="names of columns, topics, joints; point"),
+    option(
+        "--scenario",
+        metavar="NAME|FILE",
+        help="vehicle, sensors and line of the record (path.file)",
+    ),
+    option("--vehicle", default="kayacan2016", metavar="NAME|FILE", help="without a scenario"),
+    option("--line", default="", metavar="NAME", help="track, where the file has several"),
+    option("--seconds", metavar="FROM:TO", help="part of the record, from its beginning"),
+    out("LOG.mcap", "default: FILE.mcap in the present folder"),
+)
+def import_(arguments: argparse.Namespace) -> int:
+    """Import a record of another program as a log.
+
+    CSV, NMEA 0183, $PANDA, GPX, KML tracks, time logs of ISOXML, rosbag2, MCAP of ROS 2. What the
+    record lacks is computed from its track; the log says what.
+
+      ttempc log import drive.nmea --scenario mine.toml -o drive.mcap
+    """
+    from ..formats.mapping import read_map
+    from ..logs.import_log import import_log
+    from ..scenario.scenario import load
+
+    mapping = read_map(arguments.map)
+    name, scenario = arguments.source.stem, None
+    if arguments.scenario:
+        name, scenario = load(arguments.scenario)
+    imported = import_log(
+        arguments.source,
+        arguments.out or Path(f"{arguments.source.stem}.mcap"),
+        mapping,
+        scenario,
+        name=name,
+        vehicle=arguments.vehicle,
+        line=arguments.line,
+        span_s=options.span(arguments.seconds),
+    )
+    print("\n".join(map(one_line, imported.lines)))
+    print(f"log       {imported.file}")
     return 0
 
 
@@ -108,12 +157,13 @@ readable part of a torn log is shown and exported, with a note.
   ttempc log info runs/DIR
   ttempc log export runs/DIR --format parquet -o tables
   ttempc log check TORN.part -o NEW.mcap
+  ttempc log import drive.nmea -o drive.mcap
   ttempc log replay runs/DIR --estimator mine:Mine
 
 Exit code 0 for success, 1 if `check` finds a log damaged or incomplete, 2 for bad input (one line;
 nothing is written).
 """,
-    {"info": info, "export": export, "check": check, "replay": replay},
+    {"info": info, "export": export, "check": check, "import": import_, "replay": replay},
 )
 
 
@@ -154,12 +204,15 @@ def tube(arguments: argparse.Namespace) -> int:
     refuse_existing(arguments.out)
     if arguments.laps_coverage is not None:
         runs = read_runs(arguments.folders, driven_run)
-        file, warnings = calibrate_tube(runs, arguments.laps_coverage), ()
+        file = calibrate_tube(runs, arguments.laps_coverage)
+        warnings = ()
         text = format_calibration(file)
     else:
         coverage = COVERAGE if arguments.coverage is None else arguments.coverage
         fit = fit_tube(read_runs(arguments.folders, fit_run), coverage)
-        file, warnings, text = fit.file, fit.warnings, format_fit(fit)
+        file = fit.file
+        warnings = fit.warnings
+        text = format_fit(fit)
     write_file(arguments.out, to_json(file))
     print(f"{text}\n\ntube      {arguments.out}")
     for warning in warnings:
@@ -167,11 +220,47 @@ def tube(arguments: argparse.Namespace) -> int:
     return options.EXIT_CHECK_FAILED if warnings else 0
 
 
+@command(
+    options.LOG,
+    out("FILE", "default: fitted.toml").but(default=Path("fitted.toml")),
+    json_of("the parameters"),
+    *options.CHANGES,
+)
+def vehicle(arguments: argparse.Namespace) -> int:
+    """Fit a vehicle to a log: lengths, dead times, lags, offsets, noise and wheel slip.
+
+    Each value has a standard deviation. The search starts at the vehicle of the log, and lengths
+    have a prior of 20 % about it. What the log lacks is left out, and said. To drive it:
+
+      ttempc log import drive.csv --map map.toml -o drive.mcap
+      ttempc fit vehicle drive.mcap -o fitted.toml
+      ttempc run grass --vehicle fitted.toml
+    """
+    from ..logs.fit_vehicle import fit_vehicle
+    from ..logs.replay import read_run
+    from ..scenario.scenario import parse_overrides
+
+    refuse_existing(arguments.out)
+    record, scenario = read_run(arguments.log, parse_overrides(arguments.overrides))
+    fit = fit_vehicle(record, scenario)
+    file = scenario.plant.vehicle.file
+    write_file(arguments.out, fit.to_toml(file, arguments.log.name))
+    if arguments.json:
+        print(fit.to_json().rstrip())
+        return 0
+    print("\n".join(map(str, fit.parameters)))
+    for line in fit.missing:
+        print(one_line(f"not fitted: {line}"))
+    print(f"\nvehicle   {arguments.out}")
+    return 0
+
+
 fit = Group(
     """\
-Fit a tube to the logs of runs.
+Fit a tube to the logs of runs, or a vehicle to a log.
 
   ttempc fit tube runs/grass-* -o tube.json
+  ttempc fit vehicle drive.mcap -o fitted.toml
 """,
-    {"tube": tube},
+    {"tube": tube, "vehicle": vehicle},
 )

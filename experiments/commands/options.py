@@ -105,6 +105,22 @@ def number(text: str) -> float:
     return value
 
 
+def span(text: str | None) -> tuple[float, float]:
+    """Return beginning and end [s] of FROM:TO; an empty side, or no text, is without limit.
+
+    Raises:
+        BadOptions: a side is no number, or the end is not later.
+    """
+    begin, colon, end = (text or ":").partition(":")
+    try:
+        limits = float(begin or "-inf"), float(end or "inf")
+    except ValueError:
+        limits = math.nan, math.nan
+    if not colon or not limits[0] < limits[1]:
+        raise BadOptions(f"--seconds: must be FROM:TO in seconds, as 10:60 or 10:, got {text!r}")
+    return limits
+
+
 def positive(text: str) -> float:
     """Read a positive time [s], length [m] or factor, of a size that clocks can count."""
     if not 1e-6 <= (value := number(text)) <= 1e6:
@@ -160,6 +176,11 @@ CONTROLLER: Final = option(
     "--controller",
     metavar="NAME",
     help="controller, see `ttempc list`, or package.module:factory of your own",
+)
+VEHICLE: Final = option(
+    "--vehicle",
+    metavar="NAME|FILE",
+    help="shipped vehicle, vehicle file, or result of `ttempc fit vehicle`",
 )
 SEED: Final = option(
     "--seed",
@@ -245,11 +266,33 @@ def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
     from ..scenario.scenario import read_scenario
 
     changes = scenario_changes(arguments.overrides, getattr(arguments, "controller", None))
+    if getattr(arguments, "vehicle", None):
+        changes = _over_vehicle(arguments.vehicle, changes)
     source = read_scenario(arguments.scenario)
     scenario = source.scenario(changes, changed_by="--set")
     if not arguments.trust:
         refuse_untrusted(source.file, named_parts(scenario), changes)
     return source.name, scenario
+
+
+def _over_vehicle(name: str, changes: dict[str, Any]) -> dict[str, Any]:
+    """Return the changes over those of a vehicle: a shipped one, its file, or one that was fitted.
+
+    Raises:
+        InvalidScenario: the file is no TOML.
+    """
+    from ...testbed.configuration.config_io import read_toml
+    from ..errors import InvalidScenario
+    from ..scenario.scenario import merge_tables
+
+    file = Path(name)
+    vehicle = str(file.resolve()) if file.suffix else name
+    tables: dict[str, Any] = {"plant": {"vehicle": {"file": vehicle}}}
+    content = read_toml(file, InvalidScenario) if file.suffix else {}
+    if "fit" in content:  # of `ttempc fit vehicle`: tables of a scenario
+        tables = {table: value for table, value in content.items() if table != "fit"}
+    merge_tables(tables, changes)
+    return tables
 
 
 def scenario_changes(overrides: list[str], controller: str | None) -> dict[str, Any]:
@@ -279,7 +322,8 @@ def refuse_given(arguments: argparse.Namespace, names: tuple[str, ...], reason: 
 
 def unused_path(parent: Path, stem: str, suffix: str = "") -> Path:
     """Return the path of a new folder or file: the stem, with a number appended if it exists."""
-    path, count = parent / f"{stem}{suffix}", 1
+    path = parent / f"{stem}{suffix}"
+    count = 1
     while path.exists() or partial_path(path).exists():
         count += 1
         path = parent / f"{stem}-{count}{suffix}"

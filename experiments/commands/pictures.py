@@ -38,7 +38,8 @@ def render(arguments: argparse.Namespace) -> int:
     from ..pictures.film.render import STILL_SUFFIXES, Film
     from ..pictures.film.settings import FRAME_RATE, FilmSettings
 
-    at_s, log = arguments.at_s, arguments.log
+    at_s = arguments.at_s
+    log = arguments.log
     ending = f"{arguments.camera}.mp4" if at_s is None else f"{arguments.camera}-{at_s:g}.png"
     file = arguments.out or log.with_name(f"{log.name.removesuffix('.mcap')}-{ending}")
     still = file.suffix.lower() in STILL_SUFFIXES
@@ -70,6 +71,11 @@ def render(arguments: argparse.Namespace) -> int:
     out("FILE|DIR", "page of a log, or folder of figures; default: beside the log or in DIR"),
     *options.FIGURES,
     options.LIMIT,
+    option(
+        "--iso12188",
+        action="store_true",
+        help="print cross-track errors of a log's straight passes as ISO 12188-2 has them",
+    ),
 )
 def report(arguments: argparse.Namespace) -> int:
     """Write the page of a run or of a sweep; with --format its figures for a paper instead.
@@ -80,6 +86,8 @@ def report(arguments: argparse.Namespace) -> int:
       ttempc report runs/grass-ttempc-1 --format pdf,svg --width single --only error path
     """
     source: Path = arguments.source
+    if arguments.iso12188:
+        return _iso12188(arguments)
     if arguments.formats is None:
         given = ("width", "only")
         refuse_given(arguments, given, "goes with --format, which makes figures")
@@ -94,6 +102,22 @@ def report(arguments: argparse.Namespace) -> int:
         _write_figures(arguments, _figures_of(source), folder)
         return 0
     return _page_of_log(arguments) if source.is_file() else _page_of_sweep(arguments)
+
+
+def _iso12188(arguments: argparse.Namespace) -> int:
+    """Print the report of ISO 12188-2; with -o FILE its numbers as JSON, too."""
+    from ...testbed.log.reader import read_log
+    from ..results.iso12188 import format_report, report, to_json
+
+    refuse_given(arguments, ("formats", "width", "only", "limit"), "not with --iso12188")
+    if arguments.out is not None:
+        refuse_existing(arguments.out)
+    content = report(read_log(arguments.source))
+    print("\n".join(format_report(content)))
+    if arguments.out is not None:
+        write_file(arguments.out, to_json(content))
+        print(f"\nJSON      {arguments.out}")
+    return 0
 
 
 def _page_of_sweep(arguments: argparse.Namespace) -> int:

@@ -139,7 +139,8 @@ def limit(arguments: argparse.Namespace) -> int:
     name = arguments.quantity.partition("=")[0]
     file = arguments.out or options.unused_path(Path("runs"), f"limit-{draft.name}-{name}", ".json")
     refuse_existing(file)
-    questions, seeds = [], report_seeds(arguments.seeds)
+    questions = []
+    seeds = report_seeds(arguments.seeds)
     for controller in arguments.controller or [None]:
         changes = options.scenario_changes(arguments.overrides, controller)
         scenario = draft.scenario(changes, "--set")

@@ -17,6 +17,7 @@ from .table import COLUMNS, MOST_ROWS, ForeignFile, Table, check_degrees
 
 _SHOWN: Final = 60  # characters of a wrong value
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_EXCEL: Final = re.compile(r"sep=(.)")  # a first line that tells Excel the delimiter
 _UNIT: Final = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]$")
 _KMH: Final = 1.0 / 3.6
 _KNOT: Final = 1852.0 / 3600.0
@@ -102,10 +103,14 @@ def read_columns(
     if (count := text.count("\n")) > MOST_ROWS:
         raise UnreadableFile(f"has {count} lines, at most {MOST_ROWS} are read")
     numbered = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
+    delimiter = ""
+    if numbered and (excel := _EXCEL.fullmatch(numbered[0][1])):
+        delimiter = excel[1]
+        numbered = numbered[1:]
     lines = _without_comments(numbered)
     if not lines:
         raise UnreadableFile("is empty, must have points")
-    split = _splitter([line for _, line in lines])
+    split = _splitter([line for _, line in lines], delimiter)
     rows = [(number, split(line)) for number, line in lines]
     header, rows = _header(rows, columns)
     used, notes = _used_columns(header, columns, rows[0][1] if rows else ())
@@ -134,9 +139,11 @@ def _without_comments(lines: Sequence[tuple[int, str]]) -> list[tuple[int, str]]
     return kept
 
 
-def _splitter(lines: Sequence[str]) -> Callable[[str], list[str]]:
+def _splitter(lines: Sequence[str], given: str = "") -> Callable[[str], list[str]]:
     """Return the function that splits a line by the delimiter of most of the first lines."""
     some = lines[:50]
+    if given:
+        return lambda line: [word.strip() for word in _quoted(line, given)]
     for delimiter in (";", "\t", ","):
         if sum(delimiter in line for line in some) > 0.5 * len(some):
             if delimiter == "," and _blanks_between_decimals(some):
@@ -163,6 +170,12 @@ def _header(
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Return the names of the columns and the rows below them."""
     number, words = rows[0]
+    numbers = sum(map(_is_number, words))
+    if numbers > 0.5 * len(words) and numbers < len(words):
+        raise UnreadableFile(
+            f"line {number}: {' '.join(words)[:100]!r} is neither a header nor all numbers"
+            f"{_comma_hint([word for word in words if _is_number(word)])}"
+        )
     if any(word and not _is_number(word) for word in words):
         return words, rows[1:]
     if columns:
@@ -250,7 +263,8 @@ def _target(word: str, sample: str) -> tuple[str, str]:
     name = name[: match.start()].rstrip("_") if match else name
     base, _, suffix = name.rpartition("_")
     if base and suffix in _UNITS:
-        name, unit = base, _UNITS[suffix]
+        name = base
+        unit = _UNITS[suffix]
     if name not in _QUANTITIES:
         return "", ""
     quantity, default = _QUANTITIES[name]

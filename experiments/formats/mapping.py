@@ -11,7 +11,6 @@ from ...testbed.configuration.config_io import STRICT, Positive, read_toml, vali
 from ..errors import UnreadableFile
 from .field import FieldSettings
 
-Role = Literal["fix", "odometry", "imu", "joint_states", "ackermann"]
 Point = Literal["antenna", "axle", "implement"]
 Offset = Annotated[float, Field(ge=-30, le=30)]
 
@@ -34,8 +33,8 @@ class FormatMap:
     columns: Mapping[str, str] = Field(default_factory=dict)
     """Names in the header of a table by quantities with a unit; "-name" changes the sign."""
     topics: Mapping[str, str] = Field(default_factory=dict)
-    """Topics of a ROS bag by role: fix, odometry, imu, joint_states, ackermann, each also with
-    trailer_ before it; absent: by the type of the message."""
+    """Topics of a ROS bag by role: fix, odometry, imu, joint_states, commands (of joints),
+    ackermann, each also with trailer_ before it; absent: by the type of the message."""
     joints: Mapping[str, str] = Field(default_factory=lambda: dict(JOINTS))
     """Columns of the table by names of joints in JointState messages; "-column" changes the
     sign."""
@@ -46,8 +45,7 @@ class FormatMap:
     """Logged point: "antenna", the receiver on the tractor's mast; "axle", the centre of the rear
     axle; "implement", a point that the program computes at the tool or the trailer."""
     antenna_m: tuple[Offset, Offset, Offset] | None = None
-    """Receiver's place ahead of, left of, and above the centre of the rear axle; absent: that of
-    the vehicle's file."""
+    """Antenna's place ahead of, left of and above the rear axle; absent: above its centre."""
 
 
 def read_map(file: Path | None) -> FormatMap:

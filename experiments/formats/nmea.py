@@ -100,6 +100,8 @@ def _known(**values: float) -> dict[str, float]:
 def _gga(words: Sequence[str]) -> dict[str, float]:
     if len(words) < 6 or not words[1] or words[5] == "0":
         return {}
+    if words[2] not in ("N", "S") or words[4] not in ("E", "W"):
+        return {}  # a sentence whose fields were lost, by chance with the right checksum
     values = _known(
         time_s=_time(words[0]),
         latitude_deg=_degrees(words, 1),

@@ -8,7 +8,7 @@ from typing import Any, Final, cast
 from ...testbed.errors import first_line
 from ..errors import MissingExtra, UnreadableFile
 from .mapping import FormatMap
-from .table import ForeignFile, Rows, Table
+from .table import COLUMNS, ForeignFile, Rows, Table
 
 _MOST_BYTES: Final = 2 * 2**30
 _ROLES: Final = {
@@ -20,10 +20,13 @@ _ROLES: Final = {
     "ackermann_msgs/msg/AckermannDriveStamped": "ackermann",
 }
 _TRAILER: Final = ("trailer", "implement")  # in the name of a topic
+_COMMANDS: Final = ("command", "cmd")  # in the name of a topic of joints
+_USUAL: Final = ("fix", "odometry", "odom", "imu", "data", "joint_states", "commands")  # last parts
 _NO_FIX: Final = -1
 _RTK: Final = 2  # STATUS_GBAS_FIX
 _FIXED_SD_M: Final = 0.1  # with a larger deviation the ambiguities are not fixed
 _WHEEL: Final = "rear_wheel"
+_HYDROSTAT: Final = "hydrostat"
 
 
 def read_bag(path: Path, mapping: FormatMap) -> ForeignFile:
@@ -76,7 +79,7 @@ def _check_size(path: Path) -> None:
 def _choose(types: Mapping[str, str], mapping: FormatMap) -> tuple[dict[str, str], tuple[str, ...]]:
     """Return the role of each topic that is read, and notes on those that are not.
 
-    Of several topics for a role the one with the shortest name is taken.
+    Of several topics for a role that with a usual name is taken, then that with the shortest one.
     """
     for role, topic in mapping.topics.items():
         if role.removeprefix("trailer_") not in _VALUES:
@@ -87,11 +90,14 @@ def _choose(types: Mapping[str, str], mapping: FormatMap) -> tuple[dict[str, str
             raise UnreadableFile(f"map: topics.{role}: no topic {topic}; has {_shown(types)}")
     chosen = {topic: role for role, topic in mapping.topics.items()}
     left_out = []
-    for topic in sorted(types, key=lambda name: (len(name), name)):
+    ranks = {topic: (topic.rpartition("/")[2] not in _USUAL, len(topic), topic) for topic in types}
+    for topic in sorted(types, key=ranks.__getitem__):
         role = _ROLES.get(types[topic])
         if role is None or topic in chosen:
             continue
-        if any(word in topic for word in _TRAILER) and role != "joint_states":
+        if role == "joint_states" and any(word in topic for word in _COMMANDS):
+            role = "commands"
+        elif any(word in topic for word in _TRAILER) and role != "joint_states":
             role = f"trailer_{role}"
         if role in chosen.values():
             left_out.append(topic)
@@ -184,6 +190,16 @@ def _joints(message: Any, mapping: FormatMap) -> dict[str, float]:  # noqa: ANN4
     return values
 
 
+def _commands(message: Any, mapping: FormatMap) -> dict[str, float]:  # noqa: ANN401
+    """Return the commands of joints, whose columns have `_command` before their unit."""
+    joints = _joints(message, mapping)
+    named = {f"{name.removesuffix('_rad')}_command_rad": value for name, value in joints.items()}
+    if _HYDROSTAT in message.name:
+        place = list(message.name).index(_HYDROSTAT)
+        named["hydrostat_command"] = float(message.position[place])
+    return {name: value for name, value in named.items() if name in COLUMNS}
+
+
 def _ackermann(message: Any, mapping: FormatMap) -> dict[str, float]:  # noqa: ANN401
     drive = getattr(message, "drive", message)
     return {
@@ -198,5 +214,6 @@ _VALUES: Final[dict[str, _Values]] = {
     "odometry": _odometry,
     "imu": _imu,
     "joint_states": _joints,
+    "commands": _commands,
     "ackermann": _ackermann,
 }

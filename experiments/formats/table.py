@@ -42,6 +42,7 @@ COLUMNS: Final[Mapping[str, str]] = {
     "steering_command_rad": "commanded front steering angle [rad]",
     "trailer_steering_command_rad": "commanded steering angle of the trailer [rad]",
     "speed_command_mps": "commanded speed [m/s]",
+    "hydrostat_command": "commanded hydrostat or throttle position, 0 to 1",
     "trailer_latitude_deg": "latitude of the trailer's logged point",
     "trailer_longitude_deg": "longitude of the trailer's logged point",
     "trailer_x_m": "easting of the trailer's logged point [m]",

@@ -21,7 +21,8 @@ from ...testbed.vehicle.vehicle import PlantVehicle
 from ..errors import ExperimentError
 from ..scenario.scenario import ScenarioFile
 
-_SCENARIO, _VEHICLE = "scenario.toml", "vehicle.toml"
+_SCENARIO = "scenario.toml"
+_VEHICLE = "vehicle.toml"
 _ATTACHMENTS: Final = (_SCENARIO, _VEHICLE, MODEL_FILE, GROUND_FILE)
 _MOST_APART_S: Final = 2.0  # a few control periods; assumed
 _TOGETHER: Final = (  # topics whose messages are written at the same times
@@ -48,14 +49,16 @@ def check_log(content: Content) -> list[LogCheck]:
     Raises:
         LogError: the log is of another version of this project.
     """
-    record, found = record_of(content), content.messages
+    record = record_of(content)
+    found = content.messages
     state = record[ch.STATE]
     files = [name for name in _ATTACHMENTS if name not in content.attachments]
     topics = [topic for group in _TOGETHER for topic in group if not found.get(topic)]
     times = {topic: [each.log_time for each in group] for topic, group in found.items()}
     backwards = [topic for topic, each in times.items() if np.any(np.diff(each) < 0)]
     steps_s = np.diff(state.time_s) if len(state) > 1 else np.zeros(1)
-    period_s, longest_s = float(np.median(steps_s)), float(steps_s.max())
+    period_s = float(np.median(steps_s))
+    longest_s = float(steps_s.max())
     finite = bool(np.isfinite(state.values).all()) and bool(np.any(state.values))
     begins = steps_s.min() > 0.0 and state.time_s[0] == 0.0
     written = (
@@ -130,7 +133,8 @@ def recover(content: Content, file: Path) -> None:
     extent = {RECOVERED_KEY: content.salvage} if content.salvage else {}
     try:
         with atomic_write(file) as stream:
-            metadata, topics = {**content.metadata, **extent}, content.topics.values()
+            metadata = {**content.metadata, **extent}
+            topics = content.topics.values()
             log, numbers = begin_log(stream, metadata, content.attachments, topics)
             for name, number in numbers.items():
                 for message in content.messages.get(name, []):

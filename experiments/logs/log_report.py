@@ -17,7 +17,7 @@ from ..run.run_log import BEGINS, ENDS, versions_of
 from ..scenario.scenario import ScenarioFile, identity
 
 _SCENARIO: Final = "scenario.toml"
-_SAID_ELSEWHERE: Final = (BEGINS, ENDS)  # on the page
+_SAID_ELSEWHERE: Final = (BEGINS, ENDS)  # the page has its own lines of start and end
 _STATUS: Final = re.compile(rf"{ENDS}(completed|stopped|lost|invalid) after")
 
 
@@ -50,7 +50,8 @@ def report_of_log(log: Path) -> str:
 
 
 def _facts(log: Path, record: Record, scenario_toml: str) -> RunFacts:
-    metadata, versions = record.metadata, versions_of(record.metadata)
+    metadata = record.metadata
+    versions = versions_of(record.metadata)
     seed = int(_seed(record))
     status, failure = _outcome(record)
     return RunFacts(

@@ -34,7 +34,7 @@ _COMMAND: Final = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 _SAME_TIME_S: Final = 1e-6
 _SCENARIO: Final = "scenario.toml"
 # Of samples that come at one moment, those of the IMUs come first, as from `SensorSuite`.
-_ORDER: Final = sorted(MEASUREMENT_COLUMNS, key=lambda sensor: not sensor.startswith("imu"))
+SAMPLE_ORDER: Final = sorted(MEASUREMENT_COLUMNS, key=lambda sensor: not sensor.startswith("imu"))
 
 
 def read_run(
@@ -83,7 +83,8 @@ def ticks(record: Record) -> Iterator[RecordedTick]:
     Raises:
         InvalidReplay: the record has no estimates or a tick without a command.
     """
-    times, samples = record[ESTIMATE].time_s, record[MEASUREMENT]
+    times = record[ESTIMATE].time_s
+    samples = record[MEASUREMENT]
     commands = record[CONTROL].columns(*_COMMAND)
     headings = record[ESTIMATE].columns("psi_t_rad", "psi_i_rad")
     if not len(times) or len(commands) < len(times) - 1:
@@ -113,14 +114,14 @@ def replay(record: Record, estimator: Estimator) -> list[Estimate]:
 
 
 def same_as_recorded(estimates: Sequence[Estimate], record: Record) -> bool:
-    """Return whether estimates are those of the record, bit for bit."""
+    """Return whether estimates equal the record's, bit for bit."""
     again = np.array([estimate_row(record_of_estimate(estimate)) for estimate in estimates])
     return np.array_equal(again, record[ESTIMATE].values, equal_nan=True)
 
 
 def _samples(row: list[float]) -> Iterator[Measurement]:
     """Yield the samples of a row of `MEASUREMENT`; the last column of each is its time."""
-    for sensor in _ORDER:
+    for sensor in SAMPLE_ORDER:
         *value, time_s = row[MEASUREMENT_COLUMNS[sensor]]
         if not math.isnan(time_s):
             status = value.pop() if sensor.startswith("gnss") else 0.0

@@ -1,7 +1,7 @@
 """Makes the tables and figures of README and docs, or checks whether they still hold.
 
     python -m proving_ground.experiments.papers                  names, pages, seeds
-    python -m proving_ground.experiments.papers delay ablation   these; kept rows are taken again
+    python -m proving_ground.experiments.papers delay ablation   these; finished runs are kept
     python -m proving_ground.experiments.papers all
     python -m proving_ground.experiments.papers --check          drive all regression checks again
 
@@ -21,7 +21,7 @@ from ..errors import ExperimentError
 from ..pictures.sweep_report.format import format_numbers
 from .pages import ROOT, pages_of_tables
 from .runner import Runner, check, holds, write_tables
-from .study import Study, all_studies
+from .table import Table, all_tables
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -29,16 +29,16 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="papers", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    known = all_studies()
+    known = all_tables()
     add = parser.add_argument
-    add("names", nargs="*", metavar="NAME", choices=["all", *known, []], help="study, or all")
+    add("names", nargs="*", metavar="NAME", choices=["all", *known, []], help="table, or all")
     add("--check", action="store_true", help="drive the regression checks, make no table")
     add("--workers", type=int, metavar="N", help="processes (default: one per core; 0: this one)")
     add("-o", "--out", type=Path, default=ROOT, metavar="DIR", help="write pages there")
     add("--rows", type=Path, default=Path("runs") / "papers", metavar="DIR", help="kept rows")
     arguments = parser.parse_args(words)
     pages = pages_of_tables()
-    paged = [study for study in known.values() if study.name in pages]
+    paged = [table for table in known.values() if table.name in pages]
     names = dict.fromkeys(arguments.names)
     chosen = paged if "all" in names else [known[name] for name in names]
     runner = Runner(arguments.rows, arguments.workers)
@@ -47,8 +47,8 @@ def main(words: Sequence[str] | None = None) -> int:
             return _check(chosen or paged, runner, arguments.out)
         if not chosen:
             _list([*known.values()])
-        for study in write_tables(chosen, runner, arguments.out):
-            print(f"{study.name:<20} {arguments.out / pages[study.name]}", flush=True)
+        for table in write_tables(chosen, runner, arguments.out):
+            print(f"{table.name:<20} {arguments.out / pages[table.name]}", flush=True)
     except (ExperimentError, TestbedError, TtempcError) as error:
         print(f"papers: {error}", file=sys.stderr)
         return 2
@@ -57,20 +57,20 @@ def main(words: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _check(studies: Sequence[Study], runner: Runner, out: Path) -> int:
-    states = check(studies, runner, out)
-    for study in studies:
-        print(f"{study.name:<20}{states[study.name]}")
-    stale = [study.name for study in studies if not holds(states[study.name])]
+def _check(tables: Sequence[Table], runner: Runner, out: Path) -> int:
+    states = check(tables, runner, out)
+    for table in tables:
+        print(f"{table.name:<20}{states[table.name]}")
+    stale = [table.name for table in tables if not holds(states[table.name])]
     print(f"to be made anew: {', '.join(stale)}" if stale else "all tables hold")
     return 1 if stale else 0
 
 
-def _list(studies: Sequence[Study]) -> None:
+def _list(tables: Sequence[Table]) -> None:
     pages = pages_of_tables()
-    for study in studies:
-        seeds = format_numbers(study.all_seeds) or "-"
-        print(f"{study.name:<20}{pages.get(study.name, '-'):<30}{seeds}")
+    for table in tables:
+        seeds = format_numbers(table.all_seeds) or "-"
+        print(f"{table.name:<20}{pages.get(table.name, '-'):<30}{seeds}")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ beyond its limit is marked as missed.
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
+import contextlib
 import importlib
 import itertools
 import os
@@ -18,12 +19,11 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType, FunctionType, ModuleType
 from typing import Final
-from unittest import mock
 
 import mujoco
 import numpy as np
@@ -50,14 +50,13 @@ from ..studies.sweep.folder import Origin, SweepFolder
 from ..studies.sweep.plan import SweepPlan
 from ..studies.sweep.results import rows
 from ..studies.sweep.row import Row
-from ..studies.sweep.study import ListAxis
-from ..studies.sweep.study import Study as SweepStudy
+from ..studies.sweep.study import ListAxis, Study
 from ..studies.sweep.sweep import sweep
 from ..threads import use_one_thread
+from .markdown import markdown
 from .memory import peak_mb
 from .studies.effects import BASE, EFFECTS
-from .study import Study
-from .tables import markdown
+from .table import Table
 
 SEED: Final = 1
 
@@ -96,9 +95,11 @@ PAUSES: Final = {
 
 def ticks(overrides: Sequence[str] = ("path.laps=1",)) -> list[Figure]:
     """Return quantiles of `Guidance.update` and `Guidance.step` along `grass`, by kind of pause."""
-    found, quantiles = [], {"median": 0.5, "p99": 0.99, "max": 1.0}
+    found = []
+    quantiles = {"median": 0.5, "p99": 0.99, "max": 1.0}
     for kind, (pause_s, prepared) in PAUSES.items():
-        recorder, assembly = Recorder(), assemble(load("grass", overrides)[1], SEED)
+        recorder = Recorder()
+        assembly = assemble(load("grass", overrides)[1], SEED)
 
         def wait(_: int, pause_s: float = pause_s) -> None:
             time.sleep(pause_s)
@@ -142,9 +143,11 @@ def bare_step_s(steps: int = 500, blocks: int = 20) -> float:
 def soil_step_s(vehicle: PlantVehicle, timestep_s: float = 0.002, blocks: int = 20) -> float:
     """Return the time of a step on rough soil with its truths at 25 Hz [s], the fastest block."""
     rough = terrain.rough("D", generator(1, "terrain"))
-    plant, times = Plant(vehicle, rough, SoilMap(600.0), timestep_s=timestep_s), []
+    plant = Plant(vehicle, rough, SoilMap(600.0), timestep_s=timestep_s)
+    times = []
     plant.reset(0.0, 0.0, 0.0, 1.0)
-    command, stride = Command(0.05, 0.0, 0.4), round(0.04 / timestep_s)
+    command = Command(0.05, 0.0, 0.4)
+    stride = round(0.04 / timestep_s)
     plant.advance(command, 25 * stride)
     start = plant.snapshot()
     for _ in range(blocks):
@@ -162,7 +165,8 @@ def _drive(length_m: float, logged: bool) -> tuple[float, float, float]:
     name, scenario = load("grass", overrides)
     assembly = assemble(scenario, SEED)
     with tempfile.TemporaryDirectory() as folder:
-        file, about = Path(folder) / "log.mcap", describe(name, scenario, SEED, assembly)
+        file = Path(folder) / "log.mcap"
+        about = describe(name, scenario, SEED, assembly)
         begin = time.process_time()
         if logged:
             with open_log(file, scenario, assembly, assembly.scenery, about) as log:
@@ -181,8 +185,10 @@ def loop_ratio(
     Everything alternates in one process; the fastest of the repeats counts. The loop is the slope
     between two straights, so that its set-up drops out.
     """
-    vehicle, spent = assemble(load("grass", ())[1], SEED).plant.vehicle, defaultdict(list)
-    simulated, size = {}, {}
+    vehicle = assemble(load("grass", ())[1], SEED).plant.vehicle
+    spent = defaultdict(list)
+    simulated = {}
+    size = {}
     for _ in range(repeats):
         spent["bare"].append(bare_step_s(blocks=blocks))
         for timestep_s in (0.002, 0.004):
@@ -191,7 +197,8 @@ def loop_ratio(
             taken, simulated[length], size[length] = _drive(length, logged)
             spent[logged, length].append(taken)
     least = {what: min(times) for what, times in spent.items()}
-    bare, (short, long) = least["bare"], lengths
+    bare = least["bare"]
+    short, long = lengths
     duration_s = simulated[long] - simulated[short]
     steps = duration_s / 0.002
     plain, logged = ((least[log, long] - least[log, short]) / steps for log in (False, True))
@@ -207,7 +214,7 @@ def loop_ratio(
 
 
 def effect_ratios(repeats: int = 6, blocks: int = 6) -> list[Figure]:
-    """Return what each effect of the study `effects` adds to a step of the physics on `farm`.
+    """Return what each effect of the table `effects` adds to a step of the physics on `farm`.
 
     In frozen bare steps; plants with and without it alternate, the fastest block counts.
     """
@@ -216,7 +223,8 @@ def effect_ratios(repeats: int = 6, blocks: int = 6) -> list[Figure]:
         plant = plants[name] = assemble(load("farm", (*BASE, *changes))[1], SEED).plant
         plant.reset(0.0, 0.0, 0.0, 1.5)
         plant.advance(Command(0.05, 0.0, 0.5), 1000)
-    starts, spent = {name: plant.snapshot() for name, plant in plants.items()}, defaultdict(list)
+    starts = {name: plant.snapshot() for name, plant in plants.items()}
+    spent = defaultdict(list)
     for _ in range(repeats):
         spent["bare"].append(bare_step_s())
         for (name, plant), _ in itertools.product(plants.items(), range(blocks)):
@@ -237,7 +245,8 @@ def calls_of_a_period(overrides: Sequence[str] = (), ticks: int = 40) -> dict[st
     """
     parts = {stage.__code__: stage.__name__ for stage in STAGES if isinstance(stage, FunctionType)}
     parts |= {Guidance.update.__code__: "update", Guidance.step.__code__: "step"}
-    counts, inside = Counter[str](), ["loop"]
+    counts = Counter[str]()
+    inside = ["loop"]
 
     def count(frame: FrameType, event: str, argument: object) -> None:
         if event == "call":
@@ -312,12 +321,22 @@ def start_up(repeats: int = 5) -> list[Figure]:
 # --- Sweep ----------------------------------------------------------------------------------------
 
 
-def _sweep(study: SweepStudy, workers: int, parent: Path) -> tuple[float, list[Row], float]:
+@contextlib.contextmanager
+def _without_main() -> Iterator[None]:
+    """Hide the main module of this process: workers load what workers of `ttempc sweep` load."""
+    kept = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = kept
+
+
+def _sweep(study: Study, workers: int, parent: Path) -> tuple[float, list[Row], float]:
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak [MB]."""
-    taken, folder = 0.0, None
-    # workers load what those of `ttempc sweep` do, and no main module of this process
-    bare = {"__main__": ModuleType("__main__")}
-    with mock.patch.dict(sys.modules, bare), engine(workers) as cores:
+    taken = 0.0
+    folder = None
+    with _without_main(), engine(workers) as cores:
         for seeds in (workers, study.seeds):
             plan = SweepPlan("benchmark", replace(study, seeds=seeds))
             folder = SweepFolder(Path(tempfile.mkdtemp(dir=parent)), Origin.here("", plan.size))
@@ -332,11 +351,12 @@ def _sweep(study: SweepStudy, workers: int, parent: Path) -> tuple[float, list[R
 def sweeps(seeds: int = 4) -> list[Figure]:
     """Return speed, overhead and memory of workers."""
     axis = ListAxis(kind="list", key="controller", values=("ttempc-nominal", "paper"))
-    found, taken = [], {}
+    found = []
+    taken = {}
     with tempfile.TemporaryDirectory() as folder:
         for workers, timestep_s, least in ((1, 0.002, 150.0), (2, 0.002, 150.0), (2, 0.004, 250.0)):
             changes = {"path": {"laps": 1}, "plant": {"timestep_s": timestep_s}}
-            study = SweepStudy(seeds=seeds, set=changes, axis=(axis,))
+            study = Study(seeds=seeds, set=changes, axis=(axis,))
             spent, driven, peak = _sweep(study, workers, Path(folder))
             taken.setdefault(workers, spent)
             busy = sum(float(row["wall_s"] or 0.0) for row in driven)
@@ -378,7 +398,7 @@ def table() -> str:
     return f"{where}\n\n{markdown(('part', 'figure', 'value', 'limit'), lines)}"
 
 
-STUDIES: Final = (Study(name="performance", make=lambda runner: table()),)
+TABLES: Final = (Table(name="performance", make=lambda runner: table()),)
 
 
 def main() -> None:

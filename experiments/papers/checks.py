@@ -35,8 +35,13 @@ _REFERENCE: Final = "ttempc"  # the controller that drives every scenario of a s
 _CLOSE: Final = 1e-9  # [m]
 _END: Final = ("x_t_m", "y_t_m", "x_i_m", "y_i_m")
 
-OUTCOMES: Final = ("same bits", "equal to 1e-9", "differs")
+SAME_BITS: Final = "same bits"
+EQUAL: Final = "equal to 1e-9"
+DIFFERS: Final = "differs"
+OUTCOMES: Final = (SAME_BITS, EQUAL, DIFFERS)
 """Results of a check that was driven again, from best to worst."""
+HELD: Final = (SAME_BITS, EQUAL)
+"""Results with which a table needs not be made anew."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +66,10 @@ class Fingerprint(NamedTuple):
         choose their instructions by processor; the closed loop does not let the difference grow.
         """
         if self == other:
-            return OUTCOMES[0]
+            return SAME_BITS
         pairs = zip(self.values, other.values, strict=True)
         close = all(abs(one - another) <= _CLOSE for one, another in pairs)
-        return OUTCOMES[1] if close else OUTCOMES[2]
+        return EQUAL if close else DIFFERS
 
 
 def scenario_check(scenario: str, controller: str, *overrides: str) -> Check:
@@ -124,7 +129,7 @@ class Making(NamedTuple):
     """Circumstances under which a table was made."""
 
     versions: Mapping[str, str]  # of project and packages
-    checks: Mapping[str, Fingerprint]  # by name
+    checks: Mapping[str, Fingerprint]  # by the name of the check
 
 
 def read_ledger(out: Path = ROOT) -> dict[str, Making]:

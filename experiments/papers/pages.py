@@ -6,7 +6,7 @@ from typing import Final
 
 from ..errors import InvalidPage
 
-ROOT: Final = Path(__file__).resolve().parents[2]  # of the checkout
+ROOT: Final = Path(__file__).resolve().parents[2]  # root of the checkout
 _BLOCK: Final = re.compile(r"(?<=<!-- table: )([\w-]+)( -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)
 
 

@@ -41,7 +41,7 @@ REGIMES: Final = {"open-sky": (0.99, 1.01), "wood": (0.5, 0.99), "street": (0.1,
 """Share of fixed epochs in the 20 s around an epoch. Below a tenth nothing guides a machine."""
 HALF_WINDOW_S: Final = 10.0
 LAGS_M: Final = ((0.2, 1.0), (1.0, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 25.0), (25.0, 50.0))
-LAGS_S: Final = (1, 2, 5, 10, 20, 30, 60)  # at rest
+LAGS_S: Final = (1, 2, 5, 10, 20, 30, 60)  # lags of the receiver at rest [s]
 SINCE_M: Final = (0.0, 0.01, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # travelled since the fix was lost
 GAP_S: Final = 0.25  # epochs farther apart do not follow each other
 AXIS: Final = 68.27  # percentile of an absolute normal variable at its standard deviation
@@ -54,7 +54,7 @@ class Drive(NamedTuple):
 
     time: FloatArray  # [s]
     speed: FloatArray  # [m/s]
-    way: FloatArray  # [m] travelled
+    distance: FloatArray  # [m] travelled
     error: FloatArray  # (n, 2) [m] less constant offsets of map and mounting
     fixed: Mask
     share: FloatArray  # of fixed epochs around
@@ -93,22 +93,26 @@ def read_drive(folder: Path) -> Drive:
     known = [np.interp(found[:, 0], truth[:, 0], truth[:, i]) for i in (2, 3, 11, 12)]
     heading = np.radians(np.interp(found[:, 0], truth[:, 0], np.unwrap(truth[:, 10], period=360)))
     east, north = east_north(found[:, 1:3], np.column_stack(known[:2])).T
-    sine, cosine = np.sin(heading), np.cos(heading)
+    sine = np.sin(heading)
+    cosine = np.cos(heading)
     error = np.column_stack([east * sine + north * cosine, east * cosine - north * sine])
-    time, speed, fixed = found[:, 0], np.hypot(*known[2:]), found[:, 4] == 1
+    time = found[:, 0]
+    speed = np.hypot(*known[2:])
+    fixed = found[:, 4] == 1
     step = np.diff(time, prepend=time[0])
     seen = found[:, 5] >= SATELLITES
     share = [fixed[np.abs(time - one) < HALF_WINDOW_S].mean() for one in time]
     correct = fixed & seen & (np.hypot(*error.T) < WRONG_M) & (speed > MOVING_MPS)
     # constant offsets of the map, and of the antenna from the reference's point
-    one, zero = np.ones_like(sine), np.zeros_like(sine)
+    one = np.ones_like(sine)
+    zero = np.zeros_like(sine)
     ahead, right = np.array([[sine, cosine, one, zero], [cosine, -sine, zero, one]])  # (4, n)
     chosen = np.hstack([ahead[:, correct], right[:, correct]]).T
     offset = np.linalg.lstsq(chosen, error[correct].T.ravel(), rcond=None)[0]
     error = error - np.column_stack([offset @ ahead, offset @ right])
-    way = np.cumsum(speed * step)
+    distance = np.cumsum(speed * step)
     return Drive(
-        time[seen], speed[seen], way[seen], error[seen], fixed[seen], np.array(share)[seen]
+        time[seen], speed[seen], distance[seen], error[seen], fixed[seen], np.array(share)[seen]
     )
 
 
@@ -137,7 +141,7 @@ def at_rest(folder: Path) -> dict[str, Any]:
 
 
 def correlation(drive: Drive, chosen: list[Mask], time_s: float) -> dict[str, Any]:
-    """Return the autocorrelation of correct fixes in motion over the way, and the fitted length.
+    """Return the autocorrelation of correct fixes in motion, and the fitted length.
 
     Errors are those about the mean of their group of epochs. The white share and the
     length of a second-order Gauss-Markov process fit the record at its mean lags. So does the
@@ -148,7 +152,7 @@ def correlation(drive: Drive, chosen: list[Mask], time_s: float) -> dict[str, An
         products = []
         for own in chosen:
             error = drive.error[own] - drive.error[own].mean(axis=0)
-            apart, later = (x[own] - x[own][:, None] for x in (drive.way, drive.time))
+            apart, later = (x[own] - x[own][:, None] for x in (drive.distance, drive.time))
             near = (apart >= low) & (apart < high) & (later < 30.0)
             one, other = np.nonzero(near)
             both = (error[one] * error[other]).sum(axis=1)
@@ -181,7 +185,8 @@ def rates(drive: Drive, own: Mask, fixed: bool) -> tuple[float, float]:
     step = np.diff(drive.time)
     used = own[:-1] & (step < GAP_S) & (drive.fixed[:-1] == fixed)
     left = drive.fixed[1:][used] != fixed
-    speed, step = drive.speed[:-1][used], step[used]
+    speed = drive.speed[:-1][used]
+    step = step[used]
     if not left.any():
         return 0.0, 0.0
 
@@ -194,24 +199,25 @@ def rates(drive: Drive, own: Mask, fixed: bool) -> tuple[float, float]:
 
 
 def float_errors(drive: Drive, own: Mask) -> dict[str, Any]:
-    """Return deviations of an axis of float solutions over the way since the fix was lost.
+    """Return deviations of an axis of float solutions over the distance since the fix was lost.
 
     The deviation of a process that starts with one value and tends to another is fitted to them:
     s^2 = first^2 e + float^2 (1 - e), e = exp(-2 ds / length).
     """
     lost = np.flatnonzero(drive.fixed[:-1] & ~drive.fixed[1:]) + 1
     last = lost[np.maximum(np.searchsorted(lost, np.arange(len(own)), side="right") - 1, 0)]
-    since = drive.way - drive.way[last]
-    apart, record = [], []
+    since = drive.distance - drive.distance[last]
+    apart = []
+    record = []
     for low, high in pairwise(SINCE_M):
         near = own & ~drive.fixed & (since >= low) & (since < high)
         if near.any():
             apart.append(float(since[near].mean()))
             record.append(float(np.percentile(np.abs(drive.error[near]), AXIS)))
-    way = np.array(apart)
+    distance = np.array(apart)
 
     def model(p: FloatArray) -> FloatArray:
-        kept = np.exp(-2.0 * way / p[2])
+        kept = np.exp(-2.0 * distance / p[2])
         return 0.5 * np.log(p[0] ** 2 * kept + p[1] ** 2 * (1.0 - kept))
 
     fit = least_squares(
@@ -224,7 +230,8 @@ def float_errors(drive: Drive, own: Mask) -> dict[str, Any]:
 
 def regime(drive: Drive, own: Mask) -> dict[str, Any]:
     """Return statistics and parameters of the epochs of a regime."""
-    fixed, wrong = drive.fixed, drive.wrong
+    fixed = drive.fixed
+    wrong = drive.wrong
     correct = own & fixed & ~wrong & (drive.speed > MOVING_MPS)
     follows = np.diff(drive.time, prepend=math.inf) < GAP_S
     three = correct[2:] & correct[1:-1] & correct[:-2] & follows[2:] & follows[1:-1]
@@ -261,7 +268,8 @@ def fitted(folder: Path) -> dict[str, Any]:
             f"{folder}: no {', '.join(missing)}; the folder is examples/data of "
             "github.com/taroz/MatRTKLIB (MIT licence)"
         )
-    drive, rest = read_drive(folder), at_rest(folder)
+    drive = read_drive(folder)
+    rest = at_rest(folder)
     masks = {
         name: (drive.share >= low) & (drive.share < high) for name, (low, high) in REGIMES.items()
     }

@@ -31,12 +31,12 @@ class StateConsistency:
 
 @dataclass(frozen=True, slots=True)
 class SensorConsistency:
-    """Innovations of one sensor; those of a true model are white with covariance 1."""
+    """Innovations of one sensor; with a true model they are white with covariance 1."""
 
     name: str
     samples: int
     entries: int  # of all samples together
-    rejected: int  # by the gate
+    rejected: int  # samples that the innovation gate rejected
     nis: float  # mean normalised innovation squared per entry
     autocorrelation: float  # of the whitened innovations, from one sample to the next
     log_likelihood: float  # of all samples, rejected ones included
@@ -78,7 +78,8 @@ def consistency(estimates: Sequence[Estimate], record: Record) -> Consistency:
         if abs(table.time_s[row[k]] - time_s[k]) <= _SAME_TIME_S
         and np.isfinite(estimates[k].state).all()
     ]
-    used, row = [estimates[k] for k in kept], row[kept]
+    used = [estimates[k] for k in kept]
+    row = row[kept]
     error = (
         np.reshape([item.state for item in used], (-1, len(State))) - table.columns(*_TRUTH)[row]
     )
@@ -137,7 +138,7 @@ def _sensors(estimates: Sequence[Estimate]) -> tuple[SensorConsistency, ...]:
 
 
 def _sensor(name: str, items: Sequence[Innovation]) -> SensorConsistency:
-    """Return the figures of one sensor; its log-likelihood is that of Gaussian innovations."""
+    """Return the figures of one sensor; the log-likelihood is for Gaussian innovations."""
     whitened = np.array([item.whitened for item in items])  # (n, m)
     determinants = np.array([item.log_determinant for item in items])
     power = float(np.sum(whitened**2))

@@ -12,9 +12,11 @@ from typing import Final
 
 import numpy as np
 
+from ttempc.types import FloatArray
+
 from ...testbed.log.reader import SALVAGED_KEY, read_log
 from ...testbed.recording.channels import REFERENCE, STATE
-from ...testbed.recording.record import Record
+from ...testbed.recording.record import IMPORTED_KEY, Record
 from ..errors import NotComparable
 from .summary import (
     ACTUATOR_USE,
@@ -30,6 +32,7 @@ from .tracking_errors import BODIES, START_UP_S, TrackingErrors, position_fields
 MAX_RUNS: Final = 6  # more lines in one figure cannot be told apart
 STATISTICS_FILE: Final = "comparison.csv"  # of `comparison_csv`, in the folder of a comparison
 _SAME_M: Final = 1e-6  # references closer than this are the same
+_SAME_LINE_M: Final = 0.02  # of a record and of a run: both have points of one line
 _COLUMNS: Final = ("p95", "sd", "mean", "along sd")
 
 
@@ -94,7 +97,7 @@ def read_compared(logs: Sequence[Path], labels: Sequence[str] = ()) -> list[Comp
 
 
 def format_comparison(runs: Sequence[ComparedRun]) -> str:
-    """Return the errors of all runs as text, in centimetres, those of the working point first."""
+    """Return the errors of all runs as text, in centimetres, the working point first."""
     width = max(len(run.label) for run in runs) + 2
     blocks = [f"Cross-track error [cm], {START_UP_S:g} to {runs[0].end_s:.1f} s"]
     points = [run.statistics.all.by_point for run in runs]
@@ -138,6 +141,9 @@ def comparison_csv(runs: Sequence[ComparedRun]) -> str:
 
 def _check_same_reference(first: Path, one: Record, second: Path, other: Record) -> None:
     """Raise `NotComparable` if the references of two runs differ at a common time."""
+    if IMPORTED_KEY in one.metadata or IMPORTED_KEY in other.metadata:
+        _check_same_line(first, one, second, other)
+        return
     time_s, rows, other_rows = np.intersect1d(
         one[REFERENCE].time_s, other[REFERENCE].time_s, return_indices=True
     )
@@ -153,6 +159,42 @@ def _check_same_reference(first: Path, one: Record, second: Path, other: Record)
             f"{first} and {second}: have different references (at {time_s[k]:.2f} s "
             f"{distance[k]:.3g} m apart); runs are compared on one path at one speed"
         )
+
+
+def _check_same_line(first: Path, one: Record, second: Path, other: Record) -> None:
+    """Raise `NotComparable` if a record was to drive another line than a run.
+
+    The reference of a record is the nearest point of its line, at any speed.
+    """
+    fields = position_fields("tractor")
+    lines = [record[REFERENCE].columns(*fields) for record in (one, other)]
+    lines = [line[np.isfinite(line).all(axis=1)] for line in lines]
+    for file, line in zip((first, second), lines, strict=True):
+        if len(line) < 2:
+            raise NotComparable(
+                f"{file}: has no line that was to be driven: import it with --scenario, whose "
+                "path.file is that line"
+            )
+    apart_m = min(_farthest(*lines), _farthest(*lines[::-1]))
+    if apart_m > _SAME_LINE_M:
+        raise NotComparable(
+            f"{first} and {second}: the lines are {apart_m:.2f} m apart, must be within "
+            f"{_SAME_LINE_M:g} m"
+        )
+
+
+def _farthest(points: FloatArray, line: FloatArray) -> float:
+    """Return the largest distance of some of the points from a line [m]."""
+    some = points[:: max(1, len(points) // 500)]
+    begin = line[:-1]
+    piece = np.diff(line, axis=0)
+    squared = np.maximum(np.sum(piece**2, axis=1), np.finfo(float).tiny)
+    largest = 0.0
+    for point in some:
+        along = np.clip(np.sum((point - begin) * piece, axis=1) / squared, 0.0, 1.0)
+        gap = point - begin - along[:, None] * piece
+        largest = max(largest, float(np.hypot(*gap.T).min()))
+    return largest
 
 
 def _label_parts(logs: Sequence[Path], records: Sequence[Record]) -> list[tuple[str, ...]]:

@@ -80,8 +80,10 @@ def mean(values: FloatArray, units: NDArray[Any] | None = None) -> IntervalEstim
     units = np.arange(len(values)) if units is None else units
     # Sorted, so that no rounding depends on the order in which the runs ended.
     order = np.lexsort((values, units))
-    values, (_, unit) = values[order], np.unique(units[order], return_inverse=True)
-    sizes, value = np.bincount(unit), float(values.mean())
+    values = values[order]
+    _, unit = np.unique(units[order], return_inverse=True)
+    sizes = np.bincount(unit)
+    value = float(values.mean())
     count = len(sizes)
     if count < 2:
         return IntervalEstimate(value, None, None)
@@ -98,7 +100,8 @@ def paired_p(differences: FloatArray) -> float:
     count = len(differences)
     if count < 2:
         return math.nan
-    centre, spread = float(differences.mean()), float(differences.std(ddof=1))
+    centre = float(differences.mean())
+    spread = float(differences.std(ddof=1))
     if not spread:
         return float(centre == 0.0)
     return float(2.0 * t.sf(abs(centre) / spread * math.sqrt(count), count - 1))

@@ -144,7 +144,7 @@ class TimingStatistics:
 class SolverStatistics:
     """Ticks of a controller that solves a QP, and how they were answered."""
 
-    ticks: int  # with a QP
+    ticks: int  # control ticks in which a QP was solved
     needed_solver: int  # with an active bound; the others are answered in closed form
     soft: int  # of which a soft bound was active
     rejected: int  # without an accepted solution
@@ -237,14 +237,14 @@ class TubeStatistics:
 
     contained_fraction: float | None  # of the control ticks
     margin_min: float | None
-    half_width_max_m: TubeHalfWidths | None  # across the path
+    half_width_max_m: TubeHalfWidths | None  # largest half widths across the path [m]
 
 
 @dataclass(frozen=True, slots=True)
 class OutsideStatistics:
     """Departure of one true point from the corridor after start-up, where the corridor holds."""
 
-    outside_fraction: float | None  # of the time
+    outside_fraction: float | None  # share of the time outside the corridor
     max_m: float | None  # largest distance from the path
 
 
@@ -367,20 +367,23 @@ def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
             tool and _error_statistics(tool.at(rows & np.isfinite(tool.along_m))),
         )
 
-    counts, curved = errors.counted, errors.curved
+    counts = errors.counted
+    curved = errors.curved
     return TrackingStatistics(over(counts & ~curved), over(counts & curved), over(counts))
 
 
 def input_statistics(record: Record) -> InputsStatistics:
     """Return saturation, rate and travel of the commands of a whole run."""
     table = record[CONTROL]
-    way = np.diff(record[STATE].columns(*position_fields("tractor")), axis=0)
-    driven_m = float(np.hypot(*way.T).sum())
+    steps = np.diff(record[STATE].columns(*position_fields("tractor")), axis=0)
+    driven_m = float(np.hypot(*steps.T).sum())
 
     def statistics(name: str) -> InputStatistics:
         command = table[f"{name}_command"]
-        low, high = table[f"{name}_min"] + _AT_BOUND, table[f"{name}_max"] - _AT_BOUND
+        low = table[f"{name}_min"] + _AT_BOUND
+        high = table[f"{name}_max"] - _AT_BOUND
         saturated = (command <= low) | (command >= high) | (table[f"{name}_limited"] > 0.5)
+        saturated &= table[f"{name}_max"] > table[f"{name}_min"]  # a plain trailer has no steering
         total = table[f"{name}_total"]
         beyond = (total < low - 2.0 * _AT_BOUND) | (total > high + 2.0 * _AT_BOUND)
         steps = np.diff(command)
@@ -424,7 +427,8 @@ def _since_first(samples: FloatArray) -> FloatArray:
 
 
 def _timing(record: Record, duration_s: float, wall_s: float | None) -> TimingStatistics:
-    table, spreads = record[TIMING], {}
+    table = record[TIMING]
+    spreads = {}
     for name in table.channel.fields:
         known = table[name][np.isfinite(table[name])]  # a tick without a QP has no QP solve time
         spreads[name] = Spread(*(_percentile(known, percent) for percent in (50.0, 99.0, 100.0)))
@@ -526,12 +530,13 @@ def entry_statistics(record: Record, errors: TrackingErrors) -> EntryStatistics 
     turned = math.remainder(turned, 2.0 * math.pi)
     if abs(errors.tractor.cross_m[0]) <= ENTERED_M and abs(turned) < _TURNED:
         return None
-    way = np.diff(record[STATE].columns(*position_fields("tractor"))[state], axis=0)
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*way.T))])
+    steps = np.diff(record[STATE].columns(*position_fields("tractor"))[state], axis=0)
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
 
     def entry(error: BodyError) -> PointEntry:
         rows = (driven <= _ENTRY_M) & np.isfinite(error.cross_m)  # a raised tool has no error
-        cross, at = error.cross_m[rows], driven[rows]
+        cross = error.cross_m[rows]
+        at = driven[rows]
         if not cross.size:
             return PointEntry(None, None)
         farthest = int(np.abs(cross).argmax())

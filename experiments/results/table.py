@@ -87,7 +87,8 @@ def format_line(line: LineStatistics) -> str:
         for name, offset in points.items()
         if offset is not None
     ]
-    bent, towed = line.tractor_reference, line.trailer_reference
+    bent = line.tractor_reference
+    towed = line.trailer_reference
     parts.append(f"reference {centimetres(bent.rms_m)} (rms), {centimetres(bent.max_m)} (largest)")
     parts.append(f"reference of the trailer {centimetres(towed.max_m)} (largest)")
     return f"Beside the line as given: {', '.join(parts)}"
@@ -105,7 +106,8 @@ def _row(cells: Iterable[str]) -> str:
 
 
 def _other_numbers(summary: Summary) -> list[str]:
-    step, factor = summary.timing.control_step_us, summary.timing.real_time_factor
+    step = summary.timing.control_step_us
+    factor = summary.timing.real_time_factor
     lines = []
     if step.median is not None and step.p99 is not None:
         lines.append(f"Control step {step.median:.0f} µs (median), {step.p99:.0f} µs (p99)")
@@ -118,7 +120,8 @@ def _other_numbers(summary: Summary) -> list[str]:
     held = [f"{name} {100.0 * share:.1f} %" for name, share in shares.items() if share]
     if held:
         lines += textwrap.wrap(f"At a limit of size or rate: {', '.join(held)} of the ticks", WIDTH)
-    slip, implement = summary.slip.rear_mean, summary.implement
+    slip = summary.slip.rear_mean
+    implement = summary.implement
     if implement is not None and implement.draft_mean_n is not None and slip is not None:
         lines.append(
             f"Draft {implement.draft_mean_n:.0f} N (mean), {implement.draft_p95_n:.0f} N (p95); "

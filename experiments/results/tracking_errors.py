@@ -196,7 +196,8 @@ def _true_error(record: Record, state: NDArray[np.intp], reference: NDArray[np.i
     for body, (along, cross) in _POSITION_ERRORS.items():
         # The position errors of `tracking_errors` are z - z_r in the same frame.
         error = body_error(record, state, reference, body)
-        columns[along], columns[cross] = -error.along_m, -error.cross_m
+        columns[along] = -error.along_m
+        columns[cross] = -error.cross_m
     for name, field in _SCALAR_ERRORS.items():
         error = record[REFERENCE][field][reference] - record[STATE][field][state]
         if name.startswith("psi"):

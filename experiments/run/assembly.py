@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from ...testbed.ground.grid import Grid
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
-from ...testbed.messages.scenery import Scenery
 from ...testbed.randomness import generator
 from ...testbed.recording.channels import CORRIDOR, LINE
 from ...testbed.recording.record import RESUMED, Event, Sink
@@ -37,6 +37,7 @@ from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.simulation.termination import TerminationLimits
 from ..errors import InvalidScenario
 from ..scenario.controller import TRUTH
+from ..scenario.mismatch import actuator_mismatch, sensor_mismatch
 from ..scenario.path import Mission
 from ..scenario.plant import ControlSettings, record_rate, record_steps
 from ..scenario.scenario import Scenario
@@ -46,6 +47,10 @@ from .line_judge import LineJudge
 from .shared_parts import SharedParts
 from .timetable import Timetable
 from .user_code import is_user_code, load_factory, named_estimator, named_factory, user_stage
+
+if TYPE_CHECKING:
+    from ...testbed.messages.scenery import Scenery
+
 
 # Where a trailer turns between its axle (0) and the tool (1) behind it, which any plant decides:
 # of 1/4, 1/3, 0.4 and 1/2 that of least error at the tool on 20 laps of `cultivate`
@@ -75,7 +80,7 @@ class Assembly:
     termination: TerminationLimits | None = None  # None: those of the vehicle
 
     @property
-    def scenery(self) -> Scenery:
+    def scenery(self) -> "Scenery":
         """Static data for viewers, placed on the earth."""
         return replace(self.plant.scenery, frame=self.frame)
 
@@ -90,9 +95,11 @@ class Assembly:
         `record_hz` is how often it is told the truth, see `record_steps`; None: as `record_rate`.
         """
         self.plant.restore(self.start)
-        timestep, period_s = self.plant.timestep_s, self.guidance.period_s
+        timestep = self.plant.timestep_s
+        period_s = self.guidance.period_s
         record_hz = record_hz or record_rate(timestep, period_s)
-        rows, corridor = self._reference_rows(record_hz), self.reference.corridor
+        rows = self._reference_rows(record_hz)
+        corridor = self.reference.corridor
         distance, _, _ = self.reference.speed.travel(np.arange(len(rows)) / record_hz)
         return SimulationSetup(
             plant=self.plant,
@@ -134,7 +141,9 @@ class Assembly:
 
 def _reference_columns(sample: ReferenceSample) -> FloatArray:
     x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
-    trailer, hitch, hp = sample.trailer_xy, sample.hitch_angle, sample.inputs[:, Input.HP]
+    trailer = sample.trailer_xy
+    hitch = sample.hitch_angle
+    hp = sample.inputs[:, Input.HP]
     columns = (x, y, psi_t, trailer, psi_i, v, sample.curvature, hitch, delta_t, delta_i, hp)
     return np.column_stack(columns)
 
@@ -143,7 +152,7 @@ def _reference_columns(sample: ReferenceSample) -> FloatArray:
 class _Plan:
     mission: Mission
     vehicles: Vehicles
-    reference: Reference  # of the model
+    reference: Reference  # with the lengths of the controller's model
     terrain: Terrain
     soil: SoilMap
     timetable: Timetable
@@ -209,7 +218,12 @@ def assemble(
         reference=judged,
         start=plant.snapshot(),
         ticks=plan.timetable.ticks,
-        mismatch=(*plan.vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
+        mismatch=(
+            *plan.vehicles.mismatch,
+            *actuator_mismatch(scenario.actuators, scenario.controller.vehicle),
+            *scenario.controller.noise.mismatch(scenario.sensors),
+            *sensor_mismatch(scenario.sensors),
+        ),
         notes=(
             *plan.mission.notes,
             *_on_trailer(vehicle, off_line_m),
@@ -254,7 +268,8 @@ def check(scenario: Scenario) -> int:
     Nothing is drawn, compiled or solved for: there is neither a plant nor a controller.
     """
     plan = _plan(scenario, 0, lambda of, seed: replace(of.terrain, iso_class="flat").terrain(seed))
-    settings, vehicle = scenario.controller, plan.reference.vehicle
+    settings = scenario.controller
+    vehicle = plan.reference.vehicle
     check_drivable(plan.mission.path, vehicle)
     check_pace(plan.reference, scenario.control.period_s)
     named_factory(settings.name, settings.options)
@@ -274,9 +289,14 @@ def check(scenario: Scenario) -> int:
 
 def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int], Terrain]) -> _Plan:
     """Return reference and ground of a run: field and soil map cover the path, faults included."""
-    control, mission, vehicles = scenario.control, scenario.mission(), scenario.vehicles()
+    control = scenario.control
+    mission = scenario.mission()
+    vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
-    terrain, strength_map = make_terrain(scenario, seed), scenario.soil.strength_map()
+    if scenario.path.on_line == "working-point":
+        mission = mission.led_by(vehicle, scenario.path.max_deviation_m)
+    terrain = make_terrain(scenario, seed)
+    strength_map = scenario.soil.strength_map()
     _check_covered(mission.path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
     if strength_map:
         _check_covered(mission.path, strength_map, "soil map", "soil.map")
@@ -287,7 +307,8 @@ def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int],
     record_rate(scenario.plant.timestep_s, control.period_s)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
     if scenario.implement:
-        law, speed = scenario.plant.wheel_law, mission.speed.top_speed
+        law = scenario.plant.wheel_law
+        speed = mission.speed.top_speed
         check_pull(law, scenario.implement, vehicles.plant, soil.background, speed)
     ticks = math.ceil(reference.duration_s / control.period_s - 1e-9)
     timetable = Timetable.of(scenario, vehicles.plant, reference, ticks, seed)
@@ -301,7 +322,8 @@ def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> V
             f"path.reverse: vehicle {scenario.plant.vehicle.file} drives forward only; its file "
             "must say hydrostat.reverse = true"
         )
-    model, tool = vehicles.model, scenario.implement
+    model = vehicles.model
+    tool = scenario.implement
     if tool is None:
         return replace(model, reverse=mission.reverse)
     b = tool.behind_m
@@ -317,7 +339,8 @@ def _guidance(
     kind: type[Guidance],
     adjust: Callable[[GuidanceSettings], GuidanceSettings],
 ) -> Guidance:
-    settings, vehicle = scenario.controller, plan.reference.vehicle
+    settings = scenario.controller
+    vehicle = plan.reference.vehicle
     estimator = partial(named_estimator, settings.estimator)
     true_state = settings.estimator == TRUTH
     if true_state:
@@ -340,8 +363,10 @@ def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:
     x, y, _ = path.pose(along).T
     beyond = np.flatnonzero(~grid.inside(x, y, EDGE_M))
     if len(beyond):
-        first, box = beyond[0], path.extent()
-        (left, low), (width, height) = grid.origin, grid.size_m
+        first = beyond[0]
+        box = path.extent()
+        left, low = grid.origin
+        width, height = grid.size_m
         raise InvalidScenario(
             f"path: leaves at s = {along[first]:.1f} m (x = {x[first]:.1f}, y = {y[first]:.1f} m), "
             f"reaches from ({box.x_min:.1f}, {box.y_min:.1f}) to "

@@ -27,7 +27,8 @@ class CorridorJudge:
         self._hitch_limit = _NAN if corridor.hitch_limit is None else corridor.hitch_limit
         column = {name: reference[:, i] for i, name in enumerate(REFERENCE.fields)}
         trailer = np.column_stack([column["x_i_m"], column["y_i_m"]])
-        yaw, behind = column["psi_i_rad"], corridor.tool_behind_m or 0.0
+        yaw = column["psi_i_rad"]
+        behind = corridor.tool_behind_m or 0.0
         self._tractor = FollowedLine(np.column_stack([column["x_t_m"], column["y_t_m"]]))
         self._trailer = FollowedLine(trailer)
         self._tool = FollowedLine(trailer - behind * np.column_stack([np.cos(yaw), np.sin(yaw)]))
@@ -37,7 +38,8 @@ class CorridorJudge:
         del references
         rows = []
         for number, tool in enumerate(moments.tools.tolist()):
-            (x_t, y_t, _, x_i, y_i), offset = moments.rows[number, 1:6].tolist(), _NAN
+            x_t, y_t, _, x_i, y_i = moments.rows[number, 1:6].tolist()
+            offset = _NAN
             place, tractor = self._tractor.offset(x_t, y_t)
             _, trailer = self._trailer.offset(x_i, y_i)
             if tool:

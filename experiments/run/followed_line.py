@@ -14,7 +14,8 @@ class FollowedLine:
     """A polyline (n, 2) [m] that a point follows in its order."""
 
     def __init__(self, points: FloatArray) -> None:
-        self._points, self._projection = points, Projection(points)
+        self._points = points
+        self._projection = Projection(points)
 
     @classmethod
     def evenly(cls, points: FloatArray) -> "FollowedLine":
@@ -30,7 +31,8 @@ class FollowedLine:
         place = self._projection.place(x, y)
         k = min(int(place), len(self._points) - 2)
         (x_0, y_0), (x_1, y_1) = self._points[k : k + 2].tolist()
-        along, across = x_1 - x_0, y_1 - y_0
+        along = x_1 - x_0
+        across = y_1 - y_0
         length = math.hypot(along, across)
         return place, (along * (y - y_0) - across * (x - x_0)) / length if length else math.nan
 

@@ -40,7 +40,7 @@ class Finished:
     files: Mapping[str, Path]  # "log", "summary", "scenario"; later "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on path and tube
-    description: str = ""  # of the scenario
+    description: str = ""  # description of the scenario
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

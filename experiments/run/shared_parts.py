@@ -24,7 +24,8 @@ class Kept(Generic[Part]):
     """At most so many parts by what they were made from; the least recently used are dropped."""
 
     def __init__(self, most: int) -> None:
-        self.most, self._parts = most, dict[Hashable, Part]()
+        self.most = most
+        self._parts = dict[Hashable, Part]()
 
     def get(self, key: Hashable, make: Callable[[], Part]) -> Part:
         """Return the part of this key, from `make` where it is not kept."""

@@ -25,7 +25,7 @@ from ...testbed.vehicle.vehicle import PlantVehicle
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import Scenario
 
-_SAME_TIME: Final = 1e-9  # in control periods
+_SAME_TIME: Final = 1e-9  # times closer than this share of a control period are one
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,8 @@ class Timetable:
                 raise InvalidFault(f"faults.{number} ({fault.label}): {reason}")
 
     def _refusal(self, fault: Fault, window: Window) -> str:
-        end_s, length_m = self.ticks * self.context.period_s, self._distances[-1]
+        end_s = self.ticks * self.context.period_s
+        length_m = self._distances[-1]
         if fault.at_m is not None and fault.at_m >= length_m:
             return f"got at_m {fault.at_m:g}, must be below the end of the path, {length_m:.1f}"
         if window.start_s >= end_s:
@@ -106,7 +107,8 @@ class Timetable:
 
     def ground(self, terrain: Terrain, soil: SoilMap) -> tuple[Terrain, SoilMap]:
         """Return the ground with what lies across the path."""
-        features, patches = [], []
+        features = []
+        patches = []
         for _, fault, window in self._on("ground"):
             x, y, yaw, *_ = self.reference.at(window.start_s).state.tolist()
             item = fault.row.effect(fault, (x, y, yaw))
@@ -120,14 +122,16 @@ class Timetable:
     def disturb(self, sensors: SensorSuite, seed: int) -> None:
         """Give the faults of its samples to a suite of sensors."""
         if faults := self._on("samples"):
-            specification, timestep = sensors.specification, sensors.timestep
+            specification = sensors.specification
+            timestep = sensors.timestep
             sensors.changes = (SampleFaults(faults, specification, timestep, seed),)
 
     def damage(self, plant: Plant) -> None:
         """Give the faults of its command path to a plant that was not reset yet."""
         faults = [(fault, window) for _, fault, window in self._on("bus", "valve")]
         if faults:
-            vehicle, timestep = self.context.vehicle, plant.timestep_s
+            vehicle = self.context.vehicle
+            timestep = plant.timestep_s
             stops_deg = vehicle.front_steering.limit_deg, vehicle.trailer_steering.limit_deg
             front, trailer = map(math.radians, stops_deg)
             plant.actuators = FaultyActuators(plant.actuators, faults, timestep, (front, trailer))

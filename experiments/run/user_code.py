@@ -51,7 +51,8 @@ def exits_raise() -> Iterator[None]:
 
     It would end the process without a word. Other threads and forked processes end as ever.
     """
-    before, os._exit = getattr(_guarded, "pid", None), _exit
+    before = getattr(_guarded, "pid", None)
+    os._exit = _exit
     _guarded.pid = os.getpid()
     try:
         yield
@@ -128,7 +129,8 @@ def named_estimator(name: str, vehicle: Vehicle, sensor_noise: SensorNoise) -> E
     """Return the estimator of a name: one that ships, or what a user's factory makes."""
     if not is_user_code(name):
         return estimator_factory(name)(vehicle, sensor_noise)
-    factory, method = load_factory(name, "estimator"), "update(time_s, measurements, command)"
+    factory = load_factory(name, "estimator")
+    method = "update(time_s, measurements, command)"
     return _made(name, "estimator", factory, (vehicle, sensor_noise), {}, method)
 
 
@@ -212,7 +214,7 @@ def source_digest(factory: Callable[..., object]) -> str:
 
 @cache
 def _source(kind: Any) -> bytes | None:  # noqa: ANN401 - a function or a class
-    """Return the source of a definition as it was when first asked for: that of the loaded code."""
+    """Return the source of a definition as it was when first asked for: of the loaded code."""
     try:
         file = inspect.getsourcefile(kind)
         if file and Path(file).is_file():

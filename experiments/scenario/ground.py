@@ -49,9 +49,9 @@ class TerrainSettings:
     """Slope of the whole field."""
     uphill_deg: BearingDeg = 90.0
     """Direction in which the slope rises, counter-clockwise from east."""
-    size_x_m: Annotated[float, Field(gt=0, le=400)] = 80.0
+    size_x_m: Annotated[float, Field(gt=0, le=1000)] = 80.0
     """Extent of the field from west to east."""
-    size_y_m: Annotated[float, Field(gt=0, le=400)] = 50.0
+    size_y_m: Annotated[float, Field(gt=0, le=1000)] = 50.0
     """Extent of the field from south to north."""
     spacing_m: Annotated[float, Field(ge=0.02, le=1.0)] = 0.1
     """Distance between neighbouring points of the grid."""
@@ -62,7 +62,8 @@ class TerrainSettings:
 
     def terrain(self, seed: int) -> Terrain:
         """Return the ground of the run with this seed."""
-        size, spacing = (self.size_x_m, self.size_y_m), self.spacing_m
+        size = (self.size_x_m, self.size_y_m)
+        spacing = self.spacing_m
         if self.height_map:
             ground = Terrain.from_file(Path(self.height_map), spacing)
         elif self.iso_class == "flat":

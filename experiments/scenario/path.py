@@ -16,6 +16,7 @@ from pydantic.dataclasses import dataclass
 
 from ttempc.reference.corridor import Corridor, SpeedTube
 from ttempc.reference.headland import headland
+from ttempc.reference.leading import check_plain, leading_path
 from ttempc.reference.path import Path as ReferencePath
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, SpeedProfile, is_comfortable
@@ -42,6 +43,7 @@ MOST_M: Final = 100_000
 MOST_TICKS: Final = 1_000_000
 """Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
 _ROUNDING = 1e-9  # of half widths
+_BENT_M: Final = 0.1  # by which the path of a leading tractor may be smoothed
 _LINE_STEP_M: Final = 0.1  # between the points of a path as a line
 _SLOWEST_MPS: Final = 0.1
 """Slowest speed of a reference; one that stands has no direction to be tracked in."""
@@ -81,6 +83,25 @@ class Mission:
         along = np.linspace(0.0, length_m, math.ceil(length_m / _LINE_STEP_M) + 1)
         return self.path.pose(along[::-1] if self.reverse else along)[:, :2]
 
+    def led_by(self, vehicle: Vehicle, max_deviation_m: float) -> Mission:
+        """Return the mission on which the working point of a plain trailer is on the line.
+
+        The tractor leads it there, on a path of its own that `max_deviation_m` [m] may smooth.
+        """
+        check_plain(vehicle)
+        fastest = self.speed.top_speed
+
+        def suits(path: ReferencePath) -> bool:
+            return is_comfortable(path, vehicle, fastest)
+
+        path = leading_path(self.path, vehicle, max_deviation_m, suits)
+        speed = self.speed
+        if isinstance(speed, Backward):
+            speed = replace(speed, start_m=path.length_m)
+        note = "path: the working point is on the line, the tractor leads it there"
+        notes = (*self.notes, note)
+        return replace(self, path=path, speed=speed, notes=notes, line=self.driven_line())
+
     def check_size(self, period_s: float) -> None:
         """Refuse a path that is too long for a run with this control period [s]."""
         length_m = self.path.length_m
@@ -111,9 +132,14 @@ class Mission:
         return replace(self, speed=speed, notes=(*self.notes, note))
 
 
+OnLine = Literal["tractor", "working-point"]
+"""Point of a vehicle with a plain trailer that keeps to the line."""
+
+
 class _ClosedForm:
     speed_mps: float
     reverse: bool
+    max_deviation_m = _BENT_M
 
     @abstractmethod
     def path(self) -> ReferencePath:
@@ -142,6 +168,9 @@ class FigureEight(_ClosedForm):
     """Speed along the path."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
+    on_line: OnLine = "tractor"
+    """Point that keeps to the line where the trailer has no steering: the tractor, or the working
+    point (the tool, else the trailer's axle)."""
 
     def path(self) -> ReferencePath:
         """Return the path."""
@@ -160,6 +189,9 @@ class Straight(_ClosedForm):
     """Speed along the path."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
+    on_line: OnLine = "tractor"
+    """Point that keeps to the line where the trailer has no steering: the tractor, or the working
+    point (the tool, else the trailer's axle)."""
 
     def path(self) -> ReferencePath:
         """Return the path."""
@@ -188,6 +220,9 @@ class Headland(_ClosedForm):
     """Speed along the path."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
+    on_line: OnLine = "tractor"
+    """Point that keeps to the line where the trailer has no steering: the tractor, or the working
+    point (the tool, else the trailer's axle)."""
 
     def path(self) -> ReferencePath:
         """Return the path."""
@@ -214,6 +249,9 @@ class FilePath:
     """Acceleration between the speeds of the file."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
+    on_line: OnLine = "tractor"
+    """Point that keeps to the line where the trailer has no steering: the tractor, or the working
+    point (the tool, else the trailer's axle)."""
 
     def mission(
         self,
@@ -314,7 +352,8 @@ class StartSettings:
 
     def pose(self, x: float, y: float, yaw: float) -> tuple[float, float, float]:
         """Return place [m] and heading [rad] for a path that begins at `x`, `y` with `yaw`."""
-        aside, turned = self.offset_m, yaw + math.radians(self.heading_deg)
+        aside = self.offset_m
+        turned = yaw + math.radians(self.heading_deg)
         return x - aside * math.sin(yaw), y + aside * math.cos(yaw), turned
 
 

@@ -37,7 +37,7 @@ class PlantSettings:
 class ControlSettings:
     """Rate and deadline of estimator and controller."""
 
-    rate_hz: Annotated[float, Field(ge=5.0, le=25.0)] = 1.0 / PAPER_PERIOD_S
+    rate_hz: Annotated[float, Field(ge=5.0, le=100.0)] = 1.0 / PAPER_PERIOD_S
     """Commands per second; a period must be a whole number of physics steps."""
     realtime: bool = False
     """Whether the command of a step that took longer than its period acts as much later; such a

@@ -139,7 +139,8 @@ class ScenarioFile:
         try:
             scenario = validated(Scenario, content, InvalidScenario, self.file.parent)
             scenario.kept_corridor()
-            plant, controller = scenario.plant, scenario.controller
+            plant = scenario.plant
+            controller = scenario.controller
             plant_vehicle, model_vehicle = fill_in(plant.vehicle, controller.vehicle)
             controller = controller.with_defaults()
         except (InvalidScenario, InvalidPlant, InvalidTuning) as error:
@@ -228,7 +229,7 @@ def _from_here(content: Any) -> Any:  # noqa: ANN401 - any TOML value
 
 
 def merge_tables(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Replace values of nested tables in place by those of other tables.
+    """Replace values of nested tables in place by the values of other tables.
 
     A table with the key of a list holds changes of its tables by their numbers or names, see
     `list_index`.
@@ -289,9 +290,10 @@ _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | N
 
 
 def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Drop the file's values that belong to another selection than that of the changes."""
+    """Drop the file's values that belong to another selection than the changes do."""
     for tables, key, default, dependent in _SELECTIONS:
-        below, above = _table(content, tables), _table(changes, tables)
+        below = _table(content, tables)
+        above = _table(changes, tables)
         if below is None or above is None:
             continue
         selected = below.get(key, default)

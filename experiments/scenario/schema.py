@@ -157,7 +157,8 @@ def _allowed(value: Schema) -> str:
 
 
 def _range(value: Schema) -> str:
-    low, high = value.get("minimum"), value.get("maximum")
+    low = value.get("minimum")
+    high = value.get("maximum")
     if low is not None and high is not None:
         return f" {low:g} to {high:g}"
     words = {

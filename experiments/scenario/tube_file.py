@@ -72,7 +72,7 @@ class Provenance:
     fitted_seeds: list[int]
     held_out_seeds: list[int]
     reference: dict[str, str]  # path and speed as in the scenarios
-    coverage: _Fraction  # required share of windows, for disturbance and estimate error each
+    coverage: _Fraction  # share of windows, for disturbance and estimate error each
     confidence: _Fraction
     disturbance: HoldOut
     estimate_error: HoldOut

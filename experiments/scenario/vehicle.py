@@ -8,8 +8,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, field, replace
 from dataclasses import dataclass as stdlib_dataclass
-from typing import Final, NamedTuple, TypeVar
+from typing import Annotated, Final, NamedTuple, TypeVar
 
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ttempc.vehicle import Vehicle
@@ -35,7 +36,7 @@ class Parameter(NamedTuple):
     """Where a parameter of a scenario stands in a vehicle file and in `ttempc.vehicle.Vehicle`."""
 
     table: str  # of the vehicle file
-    key: str  # of that table
+    key: str  # key in the table of the scenario file
     field: str = ""  # of `Vehicle`, in SI units and radians; "": the model has none
 
     def of(self, vehicle: PlantVehicle) -> float:
@@ -76,8 +77,8 @@ class PlantVehicleSettings:
 
     file: NameOrFile = DEFAULT_VEHICLE
     """Name of a shipped vehicle, or path of a TOML file relative to the scenario."""
-    hitch_offset_m: LengthM | None = None
-    """Distance from the rear axle to the hitch point RJ1."""
+    hitch_offset_m: PlaceM | None = None
+    """Hitch point RJ1 behind the rear axle; 0: on it, below 0: before it."""
     drawbar_m: LengthM | None = None
     """Distance from RJ1 to the pivot RJ2 of the trailer."""
     trailer_m: LengthM | None = None
@@ -96,7 +97,7 @@ class PlantVehicleSettings:
     """Other numbers of the plant that differ from the vehicle file, by its tables and keys."""
 
     def plant_vehicle(self, nominal: PlantVehicle) -> PlantVehicle:
-        """Return the vehicle of the plant, given that of the file."""
+        """Return the vehicle of the plant, given the vehicle of the file."""
         content = asdict(nominal)
         for key, value in _given(self).items():
             content[PARAMETERS[key].table][PARAMETERS[key].key] = value
@@ -123,8 +124,8 @@ class ModelVehicleSettings:
 
     wheelbase_m: LengthM | None = None
     """Distance from the rear to the front axle."""
-    hitch_offset_m: LengthM | None = None
-    """Distance from the rear axle to the hitch point RJ1."""
+    hitch_offset_m: PlaceM | None = None
+    """Hitch point RJ1 behind the rear axle; 0: on it, below 0: before it."""
     drawbar_m: LengthM | None = None
     """Distance from RJ1 to the pivot RJ2 of the trailer."""
     trailer_m: LengthM | None = None
@@ -141,8 +142,8 @@ class ModelVehicleSettings:
     """Rate limit of the front steering."""
     front_lag_s: DurationS | None = None
     """Time constant of the front steering."""
-    trailer_limit_deg: AngleDeg | None = None
-    """Largest trailer steering angle to each side."""
+    trailer_limit_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
+    """Largest trailer steering angle to each side; 0: a plain trailer."""
     trailer_rate_degps: Positive | None = None
     """Rate limit of the trailer steering."""
     trailer_lag_s: DurationS | None = None

@@ -10,7 +10,6 @@ from ttempc.types import FloatArray
 from ...testbed.geodesy import DEFAULT_FRAME, MapFrame
 from ..errors import InvalidScenario, InvalidWaypoints, UnreadableFile
 from ..formats.field import FieldSettings
-from ..formats.read import read_foreign
 
 _MOST_POINTS = 100_000  # 10 km with a point every 10 cm
 
@@ -37,6 +36,8 @@ def read_waypoints(file: Path, field: FieldSettings | None = None, line: str = "
         InvalidWaypoints: the file cannot be read; the message names the file, the line or point,
             and the allowed content.
     """
+    from ..formats.read import read_foreign  # here, since a path by numbers needs no reader
+
     field = field or FieldSettings()
     try:
         content = read_foreign(file)

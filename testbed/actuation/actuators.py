@@ -271,7 +271,7 @@ def _steering_axis(
         "resolution": valve.resolution_deg,
     }
     for key, value in angles_deg.items():
-        if value >= steering.limit_deg:
+        if value >= steering.limit_deg and value > 0.0:
             raise InvalidPlant(
                 f"actuators.{name}.{key}_deg: got {value:g}, "
                 f"must be below the stop at {steering.limit_deg:g}"

@@ -25,6 +25,7 @@ HIGHEST_FREQUENCY: Final = 2.0  # [cycle/m]; the contact area averages shorter w
 
 DEFAULT_SIZE_M: Final = (80.0, 50.0)  # figure eight of 50 x 20 m and 15 m around it
 DEFAULT_SPACING_M: Final = 0.1  # five points on the shortest wave
+_BLOCK_ROWS: Final = 256  # of a spectrum
 LEAST_FLANK_CELLS: Final = 2  # a rise over less is a wall between two points of the grid
 
 
@@ -49,6 +50,9 @@ class Terrain(Grid):
         Raises:
             InvalidField: a feature lies outside the field, or is too fine for its grid.
         """
+        features = tuple(features)
+        if not features:
+            return self
         x, y = self.points()
         heights = self.heights.copy()
         for feature in features:
@@ -79,6 +83,8 @@ class Terrain(Grid):
             raise InvalidField(f"terrain: got slope {slope_rad} rad, must be in [0, 1.2]")
         if not math.isfinite(uphill_rad):
             raise InvalidField(f"terrain: got uphill direction {uphill_rad}, must be finite")
+        if slope_rad == 0.0:
+            return self
         x, y = self.points()
         x = x - self.centre[0]
         y = y - self.centre[1]
@@ -121,11 +127,14 @@ def rough(
     ny, nx = shape
     n_x = np.fft.rfftfreq(nx, spacing_m)  # (nx//2 + 1,) [cycle/m]
     n_y = np.fft.fftfreq(ny, spacing_m)  # (ny,)
-    frequency = np.hypot(n_x, n_y[:, None])  # (ny, nx//2 + 1)
     resolution = max(n_x[1], n_y[1])
-    # unit white noise has the two-sided spectrum spacing^2
-    gain = np.sqrt(_spectrum(frequency, ISO_8608[iso_class], resolution)) / spacing_m
-    return Terrain(np.fft.irfft2(noise * gain, s=shape), spacing_m, origin)
+    # A block of rows at a time: the spectrum of a large field takes six times its memory.
+    for first in range(0, ny, _BLOCK_ROWS):
+        rows = slice(first, first + _BLOCK_ROWS)
+        frequency = np.hypot(n_x, n_y[rows, None])  # (rows, nx//2 + 1)
+        # unit white noise has the two-sided spectrum spacing^2
+        noise[rows] *= np.sqrt(_spectrum(frequency, ISO_8608[iso_class], resolution)) / spacing_m
+    return Terrain(np.fft.irfft2(noise, s=shape), spacing_m, origin)
 
 
 def _grid(

@@ -319,6 +319,7 @@ CONTROL_COLUMNS: Final = _columns("control", CONTROL)
 TRACKING_COLUMNS: Final = _columns("tracking", TRACKING)
 TUBE_COLUMNS: Final = _columns("tube", TUBE)
 SOLVER_COLUMNS: Final = _columns("solver", SOLVER)
+"""The record of the solver and `TICK.fallback`, which follows it."""
 
 
 def in_frame(error: FloatArray, heading: FloatArray) -> tuple[FloatArray, FloatArray]:

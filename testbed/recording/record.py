@@ -28,6 +28,8 @@ REACTION_ENDED: Final = "reaction ended"
 OVERRUN: Final = "overrun: "  # that a step took longer than its period
 _KEPT: Final = 1 << 18  # numbers of a channel in memory; more of them go to a file
 RESUMED: Final = "resumed by an operator"
+IMPORTED_KEY: Final = "imported"  # of the metadata of a foreign record: its file and format
+NOT_MEASURED_KEY: Final = "not_measured"  # likewise: sensors whose samples were computed
 BEGINS: Final = " begins"
 ENDS: Final = " ends"
 

@@ -25,6 +25,7 @@ from typing import Final
 import numpy as np
 
 from ttempc.errors import GuidanceFailed
+from ttempc.layout import TICK
 
 from ..errors import PlantDiverged, StageFailed
 from ..recording import channels
@@ -91,7 +92,7 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
         sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, path[:, 2:])
     if guidance.learnt:
         sink.event(Event(time, "info", LEARNT + ", ".join(guidance.learnt)))
-    fallback = guidance.diagnostics.fallback if solver[-1] else ""
+    fallback = guidance.diagnostics.fallback if record.view(TICK)[0]["fallback"] else ""
     if fallback != tick.fallback:
         text = f"{REACTION}{fallback}" if fallback else REACTION_ENDED
         sink.event(Event(time, "warning" if fallback else "info", text))

@@ -84,7 +84,7 @@ _REST_S: Final = 5.0
 
 def static_loads(bench: Bench) -> Iterator[Measured]:
     """Measure weight and axle loads on level ground; moments of the vehicle's file."""
-    load = _at_rest(bench.plant(flat((20.0, 20.0))))
+    load = at_rest(bench.plant(flat((20.0, 20.0))))
     static = AxleLoads.of(bench.vehicle)
     expected = {"front": static.front, "rear": static.rear, "trailer": static.trailer}
     yield Measured(load.sum(), sum(expected.values()))
@@ -101,7 +101,7 @@ def load_transfer(bench: Bench) -> Iterator[Measured]:
     is at the height h.
     """
     plant = bench.plant(flat((30.0, 20.0)).tilted(_SLOPE, _UP_Y))
-    load = _at_rest(plant)
+    load = at_rest(plant)
     feet = tyre.contact(plant.tyres, plant.terrain, wheel_motion(plant)).point  # (6, 3) [m]
     uphill = np.array([0.0, math.cos(_SLOPE), math.sin(_SLOPE)])
     normal = np.array([0.0, -math.sin(_SLOPE), math.cos(_SLOPE)])
@@ -110,10 +110,10 @@ def load_transfer(bench: Bench) -> Iterator[Measured]:
     yield Measured(1e3 * shift, 1e3 * float(centre @ normal) * math.tan(_SLOPE))
 
 
-def _at_rest(plant: Plant) -> FloatArray:
-    """Return the wheel loads at rest, after the tread deflections of settling have faded."""
+def at_rest(plant: Plant, seconds: float = _REST_S) -> FloatArray:
+    """Return the wheel loads at rest [N], after the tread deflections of settling have faded."""
     plant.reset(0.0, 0.0, 0.0, 0.0)
-    return plant.advance(STOP, steps(plant, _REST_S)).wheels.load
+    return plant.advance(STOP, steps(plant, seconds)).wheels.load
 
 
 def _mobility(plant: Plant, load: FloatArray, cone_index: float) -> tuple[FloatArray, FloatArray]:

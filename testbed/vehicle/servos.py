@@ -31,6 +31,8 @@ _FRONT_TORQUE: Final = 3.6
 _FRONT_DEFLECTION: Final = 0.15  # [rad]
 _TRAILER_TORQUE: Final = 1.4
 _TRAILER_DEFLECTION: Final = 0.08  # [rad]
+# Of a plain trailer, whose drawbar is welded to its frame [rad]; assumed
+_RIGID_DEFLECTION: Final = 0.01
 # Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
 # implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
 _LINKAGE_TIME: Final = 1e-3  # [s]
@@ -56,7 +58,8 @@ def put_servos(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None
     )
     spec.joint("steer").armature = _LINKAGE_TIME * damping  # [kg m^2]
     trailer = _TRAILER_TORQUE * loads.trailer * vehicle.trailer.length_m
-    _put_steering(spec.actuator("rj2"), vehicle.trailer_steering, trailer, _TRAILER_DEFLECTION)
+    deflection = _TRAILER_DEFLECTION if vehicle.trailer_steering.limit_deg else _RIGID_DEFLECTION
+    _put_steering(spec.actuator("rj2"), vehicle.trailer_steering, trailer, deflection)
     lag, wheel_speed, damping, torque = drive_servo(vehicle, law)
     hydrostat = spec.actuator("hydrostat")
     hydrostat.dynprm[0] = lag

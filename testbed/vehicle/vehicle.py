@@ -82,7 +82,7 @@ class Wheel:
 class Hitch:
     """RJ1, the pin between tractor and drawbar."""
 
-    offset_m: Positive  # a, behind the rear axle
+    offset_m: PlaceM  # a, behind the rear axle; 0: on it, below 0: before it
     height_m: Positive
     yaw_limit_deg: Annotated[float, Field(gt=0, lt=120)]
     pitch_limit_deg: AngleDeg
@@ -139,6 +139,15 @@ class Steering:
 
 
 @dataclass(frozen=True, config=STRICT)
+class TrailerSteering(Steering):
+    """Steering of the drawbar against the trailer; a plain trailer has none, its stop is 0."""
+
+    limit_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    rate_degps: Positive = 35.0  # of a plain trailer without effect
+    lag_s: Positive = 0.2
+
+
+@dataclass(frozen=True, config=STRICT)
 class Hydrostat:
     """The drive, identified by a step test on firm level ground with an empty trailer."""
 
@@ -168,8 +177,8 @@ class PlantVehicle:
     box: Box
     load: Load
     front_steering: Steering
-    trailer_steering: Steering
     hydrostat: Hydrostat
+    trailer_steering: TrailerSteering = TrailerSteering()
 
     def __post_init__(self) -> None:
         for keys, reason in _problems(self):
@@ -324,17 +333,19 @@ def _problems_between_parts(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
         where = f"the inner wheel comes {edge:.3f} m near to the middle and"
         yield "front_steering.limit_deg", f"{where} {reason}"
     # the drawbar, as a line, between the rear wheels: half the length of a wheel at the height of
-    # the hitch, and what of it stands behind the hitch
+    # the hitch, and what of it stands behind the hitch; above the wheels a drawbar is free of them
     inside = 0.5 * (tractor.rear_track_m - rear.width_m)
+    above = hitch.height_m >= 2.0 * rear.radius_m
     chord = math.sqrt(max(0.0, rear.radius_m**2 - (hitch.height_m - rear.radius_m) ** 2))
-    beside = chord - hitch.offset_m
+    beside = -math.inf if above else chord - hitch.offset_m
     if vehicle.drawbar.length_m <= beside:
         reason = f"the drawbar ends between the rear wheels, must be above {beside:.3f}"
         yield "drawbar.length_m", reason
     largest = math.degrees(math.atan2(inside, beside))
     if hitch.yaw_limit_deg >= largest:
-        reason = f"the drawbar meets the rear wheels at {largest:.0f} deg"
-        yield "hitch.yaw_limit_deg", f"hitched {hitch.offset_m} m behind the axle {reason}"
+        reason = f"the drawbar meets the rear wheels at {largest:.0f} deg; lower it, or a hitch"
+        where = f"hitched {hitch.offset_m} m behind the axle {reason}"
+        yield "hitch.yaw_limit_deg", f"{where} above them (height_m >= {2.0 * rear.radius_m:g})"
     between = trailer.track_m - towed.width_m
     top = 2.0 * towed.radius_m
     if box.floor_m <= top and box.width_m > between:

@@ -35,6 +35,7 @@ _LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the thickness of t
 _LOAD_SPREAD: Final = (0.67, 0.83)  # length and width of the load over those of the box; assumed
 _FRONT_AXLE: Final = ("front_axle", "steer", "knuckle_left", "knuckle_right")
 _SIDES: Final = (("left", 1.0), ("right", -1.0))
+_SHORTEST_BRACKET_M: Final = 0.1  # of a hitch on the rear axle or before it
 _GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
 
 
@@ -178,7 +179,7 @@ def _fit_tractor(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> Non
     _fit_frame(spec, "cab", (by.wheelbase, by.inside, 1.0), (0.0, 0.0, deck))
     seat = _frame(spec, "driver").pos[0] * by.wheelbase
     _fit_frame(spec, "driver", (1.0, 1.0, 1.0), (seat, 0.0, deck))
-    reach = hitch.offset_m / -spec.site("rj1").pos[0]
+    reach = max(hitch.offset_m, _SHORTEST_BRACKET_M) / -spec.site("rj1").pos[0]
     _fit_frame(spec, "bracket", (reach, by.rear, by.rear), (0.0, 0.0, hitch_z))
     spec.site("rj1").pos = [-hitch.offset_m, 0.0, hitch_z]
     across = 0.5 * wheel.width_m / spec.geom("rear_left_tyre").size[1]

@@ -4,9 +4,9 @@ A wheel is a disc above a Winkler bed: height look-ups under the disc give the n
 (`tyre.contact`), and the cone index gives traction, motion resistance and side force (`soil_law`).
 `ruts` has the ground that wheels press.
 
-The state of a wheel are its tread deflections u: along, across, in rolling. They follow the sliding
-speed w and fade over the relaxation length sigma (single-contact-point model, H. B. Pacejka, "Tire
-and Vehicle Dynamics", 3rd ed., 2012, eq. (7.7)),
+The states of a wheel are its tread deflections u: along, across, in rolling. They follow the
+sliding speed w and fade over the relaxation length sigma (single-contact-point model, H. B.
+Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, eq. (7.7)),
 
     du/dt = w - |V| / sigma u,
 

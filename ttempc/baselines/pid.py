@@ -19,6 +19,10 @@ from ..reference.reference import GUIDED, Guided, Reference, guided
 from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
+# Bandwidth in reverse with a plain trailer over that of the front steering by itself: with four
+# poles in place of three, a share of 1 cycles on grass, 0.45 to 0.75 give the same errors
+_PUSHING_SHARE = 0.55
+
 
 @dataclass(frozen=True)
 class PidOptions:
@@ -92,6 +96,46 @@ def trailer_steering_gains(
     return PidGains((1.0 - 2.0 * p * lag) / d, -(p**2) * lag / d, np.zeros_like(lag))
 
 
+def reverse_gains(
+    speed: FloatArray, vehicle: Vehicle, period_s: float, options: PidOptions = PidOptions()
+) -> tuple[PidGains, FloatArray]:
+    """Return the gains from errors of a plain trailer in reverse to the front steering [rad].
+
+    The trailer folds by itself and has no steering: the tractor's has to steer it. With
+    L = d + L_i and the speed v < 0, on straight motion,
+
+        e' = v psi_i,   psi_i' = (v lambda - a psi_t') / L,   lambda' = psi_t' - psi_i',
+
+    where psi_t' = v delta_t / L_t. Of the trailer's cross-track error e, its integral, the heading
+    psi_i and the angle lambda to the tractor, all fed back, the four poles are those of (s + p)^4
+    (Ackermann's formula), p 55 % of that in `poles`. Besides the gains on e it returns that on
+    lambda (N,). `speed` is v at every tick (N,) [m/s].
+    """
+    v = _design_speed(speed, options)
+    length = vehicle.drawbar_length + vehicle.trailer_length
+    turn = v / vehicle.wheelbase  # psi_t' per front steering
+    integral, error, heading, fold = range(4)
+    a = np.zeros((len(v), 4, 4))
+    b = np.zeros((len(v), 4))
+    a[:, integral, error] = 1.0
+    a[:, error, heading] = v
+    a[:, heading, fold] = v / length
+    a[:, fold, fold] = -v / length
+    b[:, heading] = -vehicle.hitch_offset * turn / length
+    b[:, fold] = turn - b[:, heading]
+    columns = [b]
+    for _ in range(3):
+        columns.append(np.einsum("nij,nj->ni", a, columns[-1]))
+    p = _PUSHING_SHARE * poles(vehicle, period_s, options)[0]
+    wanted = np.linalg.matrix_power(a + p * np.eye(4), 4)
+    last = np.zeros((len(v), 4, 1))
+    last[:, 3] = 1.0
+    controllability = np.stack(columns, axis=-1)
+    row = np.linalg.solve(controllability.transpose(0, 2, 1), last)[..., 0]
+    gains = np.einsum("ni,nij->nj", row, wanted)
+    return PidGains(gains[:, error], gains[:, integral], gains[:, heading] / v), gains[:, fold]
+
+
 def speed_gains(speed: FloatArray, vehicle: Vehicle) -> PidGains:
     """Return the gains from the along-track error [m] to the hydrostat's position.
 
@@ -124,7 +168,10 @@ def poles(
 
 
 class PidFeedback(FeedbackLaw):
-    """Three PID loops; an integral does not grow while its input is at a limit."""
+    """Three PID loops; an integral does not grow while its input is at a limit.
+
+    In reverse with a plain trailer the front steering is on the errors of the trailer.
+    """
 
     def __init__(self, course: ExactCourse, options: PidOptions) -> None:
         self._course = course
@@ -132,8 +179,13 @@ class PidFeedback(FeedbackLaw):
         vehicle = course.vehicle
         period_s = course.period_s
         speed = grid.state[:, State.V]
+        self._pushes = vehicle.reverse and vehicle.is_plain
+        front = front_steering_gains(speed, vehicle, period_s, options)
+        self._fold = np.zeros(len(speed))  # gain on lambda
+        if self._pushes:
+            front, self._fold = reverse_gains(speed, vehicle, period_s, options)
         loops = (
-            front_steering_gains(speed, vehicle, period_s, options),
+            front,
             trailer_steering_gains(grid.speed_i, vehicle, period_s, options),
             speed_gains(speed, vehicle),
         )
@@ -164,12 +216,17 @@ class PidFeedback(FeedbackLaw):
         rate = -np.array(
             [speed_t * np.sin(z_e[Error.PSI_T]), speed_i * np.sin(z_e[Error.PSI_I]), z_e[Error.V]]
         )
+        fold = z_e[Error.PSI_I] - z_e[Error.PSI_T]  # lambda less that of the reference
+        if self._pushes:
+            error[Input.DELTA_T] = error[Input.DELTA_I]
+            rate[Input.DELTA_T] = rate[Input.DELTA_I]
         growth = -self._integral[k] * error * course.period_s
         winding_up = ((self._unlimited - sent) * growth > 0.0) | (np.abs(error) > self._capture[k])
         error = np.clip(error, -self._capture[k], self._capture[k])
         if k > 0:
             self._integrals = self._integrals + np.where(winding_up, 0.0, growth)
         feedback = self._integrals - self._proportional[k] * error - self._derivative[k] * rate
+        feedback[Input.DELTA_T] -= self._fold[k] * fold
         self._unlimited = course.feedforward[k] + feedback
         return Diagnostics(feedback=feedback, robust=np.zeros(len(Input)))
 

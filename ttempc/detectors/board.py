@@ -61,7 +61,7 @@ def new_board() -> FloatArray:
 
 
 @kernel
-def stands(board: Record, index: int) -> bool:
+def has_alarm(board: Record, index: int) -> bool:
     """Return whether there is an alarm of a detector, since the tick before."""
     return board.alarms[index, AlarmColumn.REACTION] >= 0.0
 
@@ -75,7 +75,7 @@ def latch_alarms(board: Record) -> None:
     """
     for index in range(COUNT):
         if board.statistic[index] > board.limit[index]:
-            if not stands(board, index):
+            if not has_alarm(board, index):
                 for column in range(ALARM):
                     board.alarms[index, column] = board.proposed[index, column]
         elif board.statistic[index] < ENDS * board.limit[index]:

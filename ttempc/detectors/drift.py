@@ -7,7 +7,7 @@ import numpy as np
 
 from ..layout import AlarmColumn
 from ..types import Disturbance, FloatArray, MapDisturbance, State
-from .board import Record, TickData, stands
+from .board import Record, TickData, has_alarm
 from .history import kernel
 from .standstill import check_standstill
 from .table import DetectorIndex
@@ -24,6 +24,7 @@ DRIFT: Final = np.dtype(
 )
 """Memory of the detector."""
 
+# A pure drift w at the speed v shows side slip w / v and wheel slip -w / v: both shares add to 1.
 _SIDE_SHARE: Final = 0.65  # of side slip in the apparent drift
 _WHEEL_SHARE: Final = 0.35  # of wheel slip, which a rut leaves alone
 _BOUND: Final = 0.010  # of the apparent drift over the speed
@@ -102,14 +103,14 @@ def observe_drift(
 
     # Of a drift, wheel slip is as large as side slip, with the other sign. More is a slope.
     side = math.hypot(side_x, side_y)
-    against = -(side_x * climb_x + side_y * climb_y) / max(side, 1e-9)
+    wheel_slip_against_side = -(side_x * climb_x + side_y * climb_y) / max(side, 1e-9)
     bound = _BOUND * max(1.0, 1.0 + _ROUGHER * (roughness - 1.0))
-    bound += _SLOPE * max(0.0, against - side)
+    bound += _SLOPE * max(0.0, wheel_slip_against_side - side)
     slip = _slip_beside_slopes(data)
 
     statistic = 0.0
-    if stands(board, index):
-        statistic = board.limit[index]  # until the check has been passed
+    if has_alarm(board, index):
+        statistic = board.limit[index]  # the alarm neither begins anew nor ends before the check
         if check_standstill(standstill, board, data, position_sd):
             statistic = 0.0
             _pass(memory, east, north)

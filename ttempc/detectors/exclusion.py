@@ -2,7 +2,7 @@
 
 from ..layout import AlarmColumn
 from ..sensors import SensorIndex
-from .board import WARN, Record, stands
+from .board import WARN, Record, has_alarm
 from .history import kernel
 from .position import excludes_gnss
 from .table import DetectorIndex
@@ -26,7 +26,7 @@ def exclude_sensors(board: Record, position: Record, last: Record, now: float) -
     """
     if board.alarms[DetectorIndex.WHEELS, AlarmColumn.REACTION] == WARN:
         board.excluded[SensorIndex.ENCODER] = 1.0
-    if stands(board, DetectorIndex.HITCH):
+    if has_alarm(board, DetectorIndex.HITCH):
         board.excluded[SensorIndex.HITCH] = 1.0
         board.excluded[SensorIndex.IMU_TRACTOR] = 1.0
         board.excluded[SensorIndex.IMU_TRAILER] = 1.0

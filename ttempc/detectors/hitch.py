@@ -8,7 +8,7 @@ import numpy as np
 from ..layout import InnovationColumn
 from ..sensors import SensorIndex
 from ..types import Disturbance, MapDisturbance, State
-from .board import Record, TickData, stands
+from .board import Record, TickData, has_alarm
 from .history import forget, kernel, remember, sums
 from .table import DetectorIndex
 
@@ -68,7 +68,7 @@ def observe_hitch(memory: Record, board: Record, data: TickData) -> None:
             bound = _MEAN_BOUND / math.sqrt(entries) + curve
             statistic = max(statistic, abs(total) / entries / bound)
         board.residual[index] = statistic
-    if stands(board, index):  # an alarm does not end by itself
+    if has_alarm(board, index):  # an alarm does not end by itself
         statistic = max(1.0, statistic)
     board.statistic[index] = statistic
 
@@ -101,10 +101,10 @@ def _take_innovations(memory: Record, board: Record, data: TickData) -> float:
 @kernel
 def _others_agree(board: Record, data: TickData) -> bool:
     """Return whether neither a receiver nor a steering angle contradicts the estimate."""
-    agree = not stands(board, DetectorIndex.INNOVATIONS_GNSS_TRACTOR)
-    agree = agree and not stands(board, DetectorIndex.INNOVATIONS_GNSS_TRAILER)
+    agree = not has_alarm(board, DetectorIndex.INNOVATIONS_GNSS_TRACTOR)
+    agree = agree and not has_alarm(board, DetectorIndex.INNOVATIONS_GNSS_TRAILER)
     for index in range(DetectorIndex.STEERING_FRONT, DetectorIndex.MOTION):
-        agree = agree and not stands(board, index)
+        agree = agree and not has_alarm(board, index)
     for row in range(len(data.innovations)):
         innovation = data.innovations[row]
         sensor = int(innovation[InnovationColumn.SENSOR])

@@ -32,12 +32,13 @@ from .steering import observe_standstill, observe_steering
 from .table import DetectorIndex
 from .valve import VALVE, compare_valve, new_valve
 
-_JUDGED: Final = int(DetectorIndex.STEERING_FRONT)  # sensors with a detector of their readings
+# The first detectors are those of the readings of a sensor each.
+_SENSORS_WITH_READINGS: Final = int(DetectorIndex.STEERING_FRONT)
 
 DETECTORS: Final = np.dtype(
     [
         ("board", BOARD),
-        ("readings", READINGS, _JUDGED),  # of each sensor by `SensorIndex`
+        ("readings", READINGS, _SENSORS_WITH_READINGS),  # of each sensor by `SensorIndex`
         ("speeds", SPEEDS),
         ("motion", SPEED_SUMS),
         ("wheels", SPEED_SUMS),
@@ -99,7 +100,7 @@ def observe_detectors(
     data = TickData(now, span_s, parameters, rows, command, seen, innovations)
 
     board.excluded[:] = 0.0
-    for sensor in range(_JUDGED):
+    for sensor in range(_SENSORS_WITH_READINGS):
         if board.enabled[sensor]:
             observe_readings(s.readings[sensor], board, data, sensor)
     _observe_speeds(s, data)

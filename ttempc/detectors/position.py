@@ -10,7 +10,7 @@ import numpy as np
 
 from ..layout import AlarmColumn
 from ..types import Disturbance, FloatArray, State
-from .board import WARN, Record, TickData, stands
+from .board import WARN, Record, TickData, has_alarm
 from .history import kernel
 from .hitch import SETTLED_S
 from .motion import wheels_spin
@@ -73,7 +73,7 @@ def average_roughness(last: Record, board: Record, data: TickData) -> None:
     under an alarm of the position.
     """
     factor = data.estimate.noise_factors[0]
-    if stands(board, DetectorIndex.POSITION) or not factor >= 0.0:
+    if has_alarm(board, DetectorIndex.POSITION) or not factor >= 0.0:
         return
     if 0.0 < data.span_s <= _LONGEST_TICK_S:
         last.roughness += min(1.0, data.span_s / _ROUGHNESS_S) * (factor - last.roughness)
@@ -119,15 +119,17 @@ def observe_position(
     """Compare the moves of the estimate with dead reckoning by its speed, yaw and side slip.
 
     With the position p, the distance v T along the mean yaw and speed of two ticks, and the side
-    slip alpha to the left, the offset o [m] of a tick is
+    slip alpha to the left, a tick adds d to the offset o [m],
 
-        o <- exp(-T / 10 s) o + p(k) - p(k-1) - v T (cos - alpha sin, sin + alpha cos).
+        d = p(k) - p(k-1) - v T (cos - alpha sin, sin + alpha cos),
+        o <- exp(-T / 10 s) o + c d,   c = max(0, 1 - max(0, 4 sd - 0.2 m) / |d|).
 
-    The statistic is |o| over `position_bound`, its limit 1. Under an alarm the offset has a memory
-    of any length, and counts twice, so that a jump is not believed because it lasts: what is left
-    must be below a quarter of the bound. What an estimate corrects of the error that it stated
-    before, as after an outage, does not count, and neither does the distance that wheels lose when
-    they spin, see `_without_spin`.
+    With c, what an estimate corrects of the error sd that it stated before, as after an outage,
+    does not count. The distance that spinning wheels lose is taken off d, see `_without_spin`.
+
+    The statistic is |o| over `position_bound`, its limit 1; it is 0 in the first 8 s. Under an
+    alarm both factors are 1 and the statistic is twice as large, so that a jump is not believed
+    because it lasts: what is left must be below a quarter of the bound.
 
     Args:
         memory: record `POSITION`.
@@ -138,7 +140,7 @@ def observe_position(
         data: of the tick.
     """
     index = DetectorIndex.POSITION
-    held = stands(board, index)
+    held = has_alarm(board, index)
     state = data.estimate.state
     covariance = data.estimate.covariance
 
@@ -149,7 +151,7 @@ def observe_position(
     dy = state[State.Y] - last.y - distance * (math.sin(yaw) + slip * math.cos(yaw))
 
     reacts = board.alarms[DetectorIndex.WHEELS, AlarmColumn.REACTION] > WARN
-    if (reacts or stands(board, DetectorIndex.MOTION)) and wheels_spin(motion, wheels):
+    if (reacts or has_alarm(board, DetectorIndex.MOTION)) and wheels_spin(motion, wheels):
         memory.spun_s = data.now
         dx, dy = _without_spin(dx, dy, yaw, distance)
     if data.span_s > 0.0 and math.isfinite(dx + dy):
@@ -223,14 +225,14 @@ def observe_protection(memory: Record, last: Record, board: Record, data: TickDa
     yy = covariance[1, 1]
     variance = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), covariance[0, 1])
 
-    jumped = stands(board, DetectorIndex.POSITION)
+    jumped = has_alarm(board, DetectorIndex.POSITION)
     offset = math.hypot(memory.offset[0], memory.offset[1]) if jumped else 0.0
     level = position_bound(last, data) + offset + _RISK_SD * math.sqrt(max(0.0, variance))
 
-    excluded = jumped or stands(board, DetectorIndex.HITCH)
+    excluded = jumped or has_alarm(board, DetectorIndex.HITCH)
     excluded |= board.alarms[DetectorIndex.WHEELS, AlarmColumn.REACTION] == WARN
     for readings in range(DetectorIndex.STEERING_FRONT):
-        excluded |= stands(board, readings)
+        excluded |= has_alarm(board, readings)
     board.statistic[index] = level if excluded and not math.isnan(level) else 0.0
     board.residual[index] = level
     board.proposed[index, AlarmColumn.FIRST] = level
@@ -243,5 +245,5 @@ def excludes_gnss(memory: Record, last: Record, board: Record, now: float) -> bo
     Where the wheels may spin, dead reckoning is worse than GNSS.
     """
     trusts_wheels = now - memory.spun_s > _SPUN_S
-    jumped = stands(board, DetectorIndex.POSITION)
+    jumped = has_alarm(board, DetectorIndex.POSITION)
     return jumped and trusts_wheels and abs(last.speed) > _MOVING_MPS

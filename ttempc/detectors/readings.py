@@ -8,7 +8,7 @@ import numpy as np
 from ..layout import SampleColumn
 from ..sensors import SENSOR_KINDS, SensorKind
 from ..types import FloatArray
-from .board import ENDS, Record, TickData, stands
+from .board import ENDS, Record, TickData, has_alarm
 from .history import cusum, kernel
 
 NOISE: Final = np.dtype(
@@ -103,7 +103,7 @@ def observe_readings(memory: Record, board: Record, data: TickData, sensor: int)
     board.statistic[sensor] = statistic
     board.residual[sensor] = statistic
 
-    lasts = stands(board, sensor) and statistic >= ENDS * limit
+    lasts = has_alarm(board, sensor) and statistic >= ENDS * limit
     if lasts or statistic > limit:
         board.excluded[sensor] = 1.0
 

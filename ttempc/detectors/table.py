@@ -165,7 +165,7 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         limit=1.0,  # of a distance over its bound
         reaction=Reaction.STOP_ON_PATH,
         words="position is {:.1f} m off dead reckoning",
-        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # until the vehicle stands
+        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # until the vehicle has_alarm
     ),
     DetectorIndex.DRIFT: BuiltIn(
         name="drift",

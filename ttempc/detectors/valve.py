@@ -19,7 +19,7 @@ from .board import Record, TickData
 from .history import Entry, cusum, kernel, remember
 from .table import DetectorIndex
 
-_RESPONSE: Final = 402  # entries of the model's integration
+_RESPONSE: Final = 402  # entries of the history of the response; assumed
 _INTERVAL_S: Final = 0.1  # of dead times that share a residual
 # Dead time beyond that of the model, not learnt yet: three periods of the paper; assumed.
 _UNKNOWN_S: Final = 0.6

@@ -38,7 +38,7 @@ class Ask(NamedTuple):
     """What the command of a tick is made of."""
 
     steers: bool  # whether the controller was asked, in `DRIVE` and `ON_PATH`
-    own: bool  # whether it is one of the package, whose actions have no limits yet
+    is_packaged: bool  # a law of the package, whose actions have no limits yet; else a user's
     delayed: bool  # whether dead times are compensated
     largest_hp: float  # magnitude of the hydrostat's position, infinite where it is free
 
@@ -55,7 +55,7 @@ class Clipped(NamedTuple):
 
 @_kernel
 def write_command(
-    own: bool,
+    is_packaged: bool,
     reference: SupervisedReference,
     commands: FloatArray,
     guard: FloatArray,
@@ -79,7 +79,7 @@ def write_command(
     g = record(guard, GUARD)
     t = record(tick, TICK)
     steers = t.mode == DRIVE or t.mode == ON_PATH
-    ask = Ask(steers, own, len(commands) > 0, _largest_hydrostat(t, reference))
+    ask = Ask(steers, is_packaged, len(commands) > 0, _largest_hydrostat(t, reference))
     if ask.delayed:
         _shift(commands)
 
@@ -148,7 +148,7 @@ def _compose(ask: Ask, i: int, g: Record, t: Record) -> float:
         total += control[ControlColumn.FEEDBACK]
         total += control[ControlColumn.ROBUST]
         control[ControlColumn.SUM] = total
-        return total if ask.own else control[ControlColumn.COMMAND]
+        return total if ask.is_packaged else control[ControlColumn.COMMAND]
     return g.sent[i] if i != Input.HP or t.mode == HOLD else 0.0
 
 
@@ -178,7 +178,7 @@ def _align(
     upper = min(limits[LimitRow.UPPER, i], before + limits[LimitRow.STEP, i])
     newest = min(max(wanted if math.isfinite(wanted) else before, lower), upper)
     commands[0, i] = newest
-    if ask.own and not lower + _ROUNDING < newest < upper - _ROUNDING:
+    if ask.is_packaged and not lower + _ROUNDING < newest < upper - _ROUNDING:
         control[ControlColumn.LIMITED] = 1.0
 
     whole = int(reference.hold_back[i, _WHOLE])
@@ -222,7 +222,7 @@ def _report(
         control[ControlColumn.FEEDBACK] = 0.0
         control[ControlColumn.ROBUST] = 0.0
         control[ControlColumn.SUM] = command
-    elif ask.own:
+    elif ask.is_packaged:
         limited |= command != clipped.desired
         within = clipped.lower + _ROUNDING < command < clipped.upper - _ROUNDING
         limited |= not ask.delayed and not within

@@ -47,7 +47,7 @@ _kernel: Final = cached_njit(error_model="numpy", nogil=True)
 
 def compensated(
     make: Callable[[Vehicle, Reference], Controller], reference: Reference, period_s: float
-) -> Guided:
+) -> GuidedController:
     """Return the controller that `make` returns, with the dead times of its vehicle compensated.
 
     `make` gets a vehicle without dead times and the reference ahead by `lead_s` of the vehicle.
@@ -69,7 +69,9 @@ def lead_s(vehicle: Vehicle) -> float:
     return max(vehicle.dead_time_t, vehicle.dead_time_hp)
 
 
-def resume(controller: Guided, previous: Guided, sent: Sequence[Command]) -> None:
+def resume(
+    controller: GuidedController, previous: GuidedController, sent: Sequence[Command]
+) -> None:
     """Let `controller` continue after `previous`; around either dead times may be compensated.
 
     `sent` are the last commands, oldest first.
@@ -249,7 +251,7 @@ def _move_valves(valves: FloatArray, acting: FloatArray, lead: Lead) -> None:
         valves[axis] = min(max(acting[axis], valves[axis] - reach), valves[axis] + reach)
 
 
-Guided: TypeAlias = Controller | DeadTimeCompensation
+GuidedController: TypeAlias = Controller | DeadTimeCompensation
 
 
 def _split(time_s: float, period_s: float) -> tuple[int, float]:

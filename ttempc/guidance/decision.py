@@ -44,8 +44,8 @@ _DELAY_S: Final = 1.0  # until the steering turns a vehicle back; assumed
 _TRAILER_FIRST: Final = 3.0  # times the margin in reverse, where the trailer leads; assumed
 _TRAILER_DELAY: Final = 2.0  # times the delay; assumed
 _TURN: Final = math.tau
-_OF_A_BODY: Final = 3  # entries of a body in a body error
-_CHECK: Final = float(DetectorIndex.DRIFT)
+_OF_A_BODY: Final = 3  # columns of `BodyError` of a body: the trailer's follow the tractor's
+_DRIFT_ROW: Final = float(DetectorIndex.DRIFT)  # its alarm asks for a check at rest
 _SLOW: Final = float(Reaction.SLOW)
 _STOP_ON_PATH: Final = float(Reaction.STOP_ON_PATH)
 _STOP: Final = float(Reaction.STOP)
@@ -289,7 +289,7 @@ def _any_alarm(alarms: FloatArray) -> bool:
 
 @_kernel
 def _strongest_reaction(g: Record, alarms: FloatArray, now: float, speed: float) -> float:
-    """Return the strongest reaction that the alarms ask for, 0 without any; stops are held.
+    """Return the strongest reaction that the alarms ask for, 0 (as `WARN`) without any.
 
     A stop is held, with the first alarm that asked for it, until the vehicle stands and no alarm
     has asked for two seconds. The second one within a minute of driving is held for good. A check
@@ -305,7 +305,7 @@ def _strongest_reaction(g: Record, alarms: FloatArray, now: float, speed: float)
 
     if first >= 0:
         _hold_stop(g, alarms[first], first, reaction, now)
-    elif g.stop_alarm == _CHECK:
+    elif g.stop_alarm == _DRIFT_ROW:
         g.stop_alarm = -1.0
     elif g.stop_alarm >= 0.0 and abs(speed) <= _STANDING_MPS and _may_restart(g, now):
         g.stop_alarm = -1.0
@@ -327,7 +327,7 @@ def _hold_stop(g: Record, alarm: FloatArray, row: int, reaction: float, now: flo
             g.restarts = 0.0
         g.stop_alarm = row
         g.stop_reaction = reaction
-    elif g.stop_alarm == _CHECK:
+    elif g.stop_alarm == _DRIFT_ROW:
         g.stop_alarm = row
     if g.stop_alarm == row:
         for n in range(len(g.stop_numbers)):

@@ -3,9 +3,11 @@
 `Guidance.update` and `Guidance.step` are the whole loop, in the order in which data flows. What
 each call does is in the file of its object:
 
+- `report.py`: records and views of the last tick, the base class
+- `clock.py`: time stamps in seconds from the first update
 - `pipeline.py`: vehicle, reference, estimator and controller, and what is learnt of the vehicle
-- `../estimation/`: the filter
-- `../detectors/`: the detectors of faults
+- `../estimation/filter/observe.py`: the filter
+- `../detectors/kernel.py`: the detectors of faults
 - `supervisor.py` with `decision.py` and `command.py`: checks, and the limits of a command
 - `../laws/`, `../mpc/`: the controller
 - `dead_time.py`: compensation of the actuators' dead times around a controller

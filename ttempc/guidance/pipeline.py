@@ -17,7 +17,7 @@ from ..reference.reference import Reference, check_drivable, check_pace
 from ..types import Command, Controller, Estimate, Estimator, FloatArray, State
 from ..vehicle import Vehicle
 from .controllers import EstimatorFactory, estimator_factory, make_controller
-from .dead_time import DeadTimeCompensation, Guided, compensated, lead_s, resume
+from .dead_time import DeadTimeCompensation, GuidedController, compensated, lead_s, resume
 from .own_parts import HasStep, HasUpdate, as_controller, as_estimator
 from .settings import GuidanceSettings
 from .user_answer import user_part
@@ -31,7 +31,7 @@ class PipelineCandidate:
     """Parts for one vehicle; None where the user gave an object, which stays."""
 
     reference: Reference
-    controller: Guided | None
+    controller: GuidedController | None
     estimator: Estimator | None
 
 
@@ -69,7 +69,7 @@ class PipelineRecipe:
         factory = estimator_factory(given) if isinstance(given, str) else given
         return as_estimator(factory(vehicle, self.settings.sensor_noise))  # pyright: ignore[reportCallIssue] - a factory
 
-    def make_controller(self, reference: Reference) -> Guided:
+    def make_controller(self, reference: Reference) -> GuidedController:
         """Return the controller of a name or factory, its dead times compensated, or the object."""
         given = self.controller
         if self.has_own_controller:

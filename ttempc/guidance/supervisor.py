@@ -123,7 +123,7 @@ class Supervisor:
         self._stop_reason = ""  # of the stop that is held
         self._answered: Diagnostics | None = None  # by the controller at this tick
         self._asked: TrackingController | None = None  # at this tick
-        self._sample = 0  # of the reference, of the controller at this tick
+        self._asked_tick = 0  # tick of the reference at which the controller was asked
         self._alarms: FloatArray = np.zeros((0, ALARM))
 
     def _begin(self) -> None:
@@ -243,7 +243,7 @@ class Supervisor:
         )
         steers = mode in (DRIVE, ON_PATH)
         self._answered = None
-        self._sample = k
+        self._asked_tick = k
         self._alarms = alarms
         self._asked = self._law if steers else None
 
@@ -288,8 +288,8 @@ class Supervisor:
 
     def finish(self) -> FloatArray:
         """Return the command of the step within the vehicle's limits, (3,)."""
-        own = self._law is not None
-        write_command(own, self._reference, self._commands, self._guard, self.tick)
+        is_packaged = self._law is not None
+        write_command(is_packaged, self._reference, self._commands, self._guard, self.tick)
         return self._sent.copy()
 
     @property
@@ -316,14 +316,14 @@ class Supervisor:
         """Return `Diagnostics.predicted_path` of the last step."""
         if self._answered:
             return self._answered.predicted_path
-        return self._asked.feedback.predicted_path(self._sample) if self._asked else None
+        return self._asked.feedback.predicted_path(self._asked_tick) if self._asked else None
 
     def diagnostics(self) -> Diagnostics:
         """Return the view of the record of the last step."""
         t = self.tick.view(TICK)[0]
         told = self._answered
         if told is None:
-            told = self._asked.view(self._sample, self.tick) if self._asked else _NOTHING
+            told = self._asked.view(self._asked_tick, self.tick) if self._asked else _NOTHING
         control = t["control"]
         body_error = t["tracking"][: len(BodyError)]
         return replace(

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from ..jit import cached_njit, record
-from ..layout import TICK, new_tick
+from ..layout import TICK, ControlColumn, new_tick
 from ..models.augmented_state import MAPPED
 from ..mpc.articulated_error import Output, PredictedPath, write_reference_error
 from ..mpc.condensing import Stages, Work, solve_in_closed_form
@@ -70,7 +70,7 @@ def compute_error(
         work.state[i] *= constants.disturbances
     for i in range(INPUTS):
         work.previous[i] = law.feedforward[before, i] - sent[i]
-        s.previous[i] = work.previous[i]
+        s.previous[i] = work.previous[i]  # u_e of the last period: predicts the nominal state
         s.action[i] = 0.0
 
     s.fallback = 0.0
@@ -81,7 +81,7 @@ def compute_error(
     if constants.kind != NOMINAL:
         write_robust_action(k, law, stages, memory, work, tick)
     for i in range(INPUTS):
-        s.previous[i] = work.previous[i]
+        s.previous[i] = work.previous[i]  # the robust action may have replaced it
     if constants.largest_along_m > 0.0:
         cut_error(k, law, stages, memory, work)
 
@@ -142,7 +142,8 @@ def write_actions(
     accepted = t.solver.accepted == 1.0
     restore_error(memory, work)
 
-    # u_b, without a solution the previous input with steps of 0
+    # u_b = last input + first step; `LinearMpc.complete` has set the steps to 0 where there is no
+    # solution
     for i in range(INPUTS):
         planned = work.previous[i] + work.steps[i]
         s.feedback[i] = min(max(planned, bounds.lower[k, i]), bounds.upper[k, i])
@@ -158,9 +159,9 @@ def write_actions(
     if accepted:
         remember_plan(k, work, memory)
     for i in range(INPUTS):
-        t.control[i, 0] = law.feedforward[at, i]
-        t.control[i, 1] = -s.feedback[i]
-        t.control[i, 2] = s.action[i]
+        t.control[i, ControlColumn.FEEDFORWARD] = law.feedforward[at, i]
+        t.control[i, ControlColumn.FEEDBACK] = -s.feedback[i]
+        t.control[i, ControlColumn.ROBUST] = s.action[i]
 
     for i in range(ERRORS):
         s.error[i] = work.state[i]
@@ -297,8 +298,8 @@ class ArticulatedLaw(FeedbackLaw):
         report = self.report or CLOSED_FORM_REPORT
         modelling_error = t["tracking"][MODELLING_ERROR:]
         return Diagnostics(
-            feedback=t["control"][:, 1].copy(),
-            robust=t["control"][:, 2].copy(),
+            feedback=t["control"][:, ControlColumn.FEEDBACK].copy(),
+            robust=t["control"][:, ControlColumn.ROBUST].copy(),
             modelling_error=None if np.isnan(modelling_error[0]) else modelling_error.copy(),
             predicted_path=self.predicted_path(k),
             solver=report,

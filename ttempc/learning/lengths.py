@@ -195,6 +195,8 @@ _LARGEST_SHARE: Final = 1.5  # of a given length: a true one of +30 % and some
 _STEP: Final = 1e-4  # relative, of the derivatives
 _GATE: Final = 1e-4  # as in the filter
 _MOST_STEPS: Final = 8
+_MOST_LIKELY_STEPS: Final = 20
+_LARGEST_STEP: Final = 0.2  # of a length
 _CONVERGED_SD: Final = 0.2  # a step of this share of the standard deviations is the last
 _LEAST_S: Final = 15.0  # of driving that a fit needs
 _BLOCK_S: Final = 5.0  # longer than innovations of a wrong model are correlated; assumed
@@ -478,6 +480,31 @@ def _tolerance(lengths: FloatArray, roughness: float) -> FloatArray:
     keep_sum[1:, 1:] -= 1.0 / 3.0
     slip = keep_sum @ np.diag((_SLIP * lengths) ** 2) @ keep_sum.T
     return np.diag((_GEOMETRY * lengths) ** 2) + max(1.0, roughness) * slip
+
+
+def likely_lengths(
+    window: Sequence[RecordedTick], vehicle: Vehicle, noise: SensorNoise, process: ProcessNoise
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the lengths of largest likelihood of a log, (4,), and their covariance [m^2].
+
+    Gauss-Newton steps as those of `fit_lengths`, from `vehicle` on, without its prior, until they
+    are small against the deviations; a step changes a length by a fifth at most. None for a log
+    without a sensor, of less than 15 s, or for which the steps do not become small.
+    """
+    data = _Replay.of(window, vehicle, noise, process)
+    if data is None:
+        return None
+    lengths = _lengths(vehicle)[:_N]
+    weak = np.diag(lengths**-2.0)  # where a direction is not excited
+    for _ in range(_MOST_LIKELY_STEPS):
+        _, normal, gradients, _ = data.run(_with_lengths(vehicle, lengths))
+        normal, gradients = normal[:_N, :_N] + weak, gradients[:, :_N]
+        step = -np.linalg.solve(normal, gradients.sum(axis=0))
+        step = np.clip(step, -_LARGEST_STEP * lengths, _LARGEST_STEP * lengths)
+        lengths = lengths + step
+        if step @ normal @ step < _CONVERGED_SD**2:
+            return lengths, _covariance(normal, gradients)
+    return None
 
 
 def axle_points(

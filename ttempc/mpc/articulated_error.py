@@ -171,6 +171,8 @@ def _slopes(reference: Reference, period_s: float, ticks: int) -> tuple[FloatArr
         swing = -d * cos_i / (length_i + d * cos_i) * slope_b[k, State.DELTA_I, Input.DELTA_I]
         slope_b[k, State.PSI_I, Input.DELTA_I] = swing
     slope_b[:, State.V, Input.HP] = vehicle.speed_gain / vehicle.speed_time_constant
+    if vehicle.is_plain:  # a law must not count on steering that is not there
+        slope_b[:, :, Input.DELTA_I] = 0.0
     return slope_a, slope_b
 
 

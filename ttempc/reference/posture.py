@@ -63,13 +63,17 @@ def posture_on_path(
     Raises:
         InvalidPath: no trailer position behind the tractor satisfies this, the path is too tight.
     """
-    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    a = vehicle.hitch_offset
+    d = vehicle.drawbar_length
+    length_i = vehicle.trailer_length
     s_t = np.asarray(distance, dtype=float)
-    pose_t, kappa_t = path.pose(s_t), path.curvature(s_t)
+    pose_t = path.pose(s_t)
+    kappa_t = path.curvature(s_t)
     rj1 = pose_t[..., :2] - a * unit(pose_t[..., 2])
 
     s_i = s_t - (a + d + length_i) + (behind_m or 0.0)
-    drift_at, behind = _drift_at(path, vehicle, behind_m, s_i), behind_m or 0.0
+    drift_at = _drift_at(path, vehicle, behind_m, s_i)
+    behind = behind_m or 0.0
     for _ in range(_ITERATIONS):
         pose_i, kappa_i, drawbar, forward, left = _drawbar(
             path, vehicle, rj1, s_i, behind, drift_at
@@ -86,10 +90,12 @@ def posture_on_path(
         worst = float(np.ravel(s_t)[np.argmax(misfit)])
         raise InvalidPath(f"no posture fits the path with the tractor at {place_on(path, worst)}")
 
-    psi_t, psi_i = pose_t[..., 2], pose_i[..., 2]
+    psi_t = pose_t[..., 2]
+    psi_i = pose_i[..., 2]
     psi_d = np.arctan2(drawbar[..., 1], drawbar[..., 0])
     psi_d = psi_d + math.tau * np.round((psi_t - psi_d) / math.tau)
-    beta, delta_i = psi_t - psi_d, psi_d - psi_i
+    beta = psi_t - psi_d
+    delta_i = psi_d - psi_i
     # d(RJ1)/ds = e_t - a kappa_t n_t and d(RJ2)/ds = ratio (forward e_i + left n_i) agree along
     # the drawbar; their difference across it turns the drawbar.
     ratio = (np.cos(beta) + a * kappa_t * np.sin(beta)) / (
@@ -131,8 +137,10 @@ def trailer_drift(path: Path, ahead_m: float, behind_m: float, s: FloatArray) ->
     so that the trailer turns before its path does, for D < 0 that which is so in the beginning.
     """
     order = slice(None, None, -1 if ahead_m > 0.0 else 1)  # from where phi is at rest
-    kappa, rate = path.curvature(s[order]), 1.0 / abs(ahead_m)
-    gain, steady = rate * np.hypot(1.0, behind_m * kappa), np.arctan(behind_m * kappa)
+    kappa = path.curvature(s[order])
+    rate = 1.0 / abs(ahead_m)
+    gain = rate * np.hypot(1.0, behind_m * kappa)
+    steady = np.arctan(behind_m * kappa)
     turn = -math.copysign(1.0, ahead_m) * kappa
     # phi' = r - rate phi along this order, exact for r linear between samples
     decay = math.exp(-rate * (s[1] - s[0]))
@@ -141,10 +149,12 @@ def trailer_drift(path: Path, ahead_m: float, behind_m: float, s: FloatArray) ->
     for _ in range(_DRIFT_ITERATIONS):
         r = turn + rate * phi - gain * np.sin(phi - steady)
         phi = np.append(r[0], (1.0 - mean) * r[1:] + (mean - decay) * r[:-1]) / rate
-        reach, factor = 1, decay
+        reach = 1
+        factor = decay
         while reach < len(s) and factor > 0.0:  # sums over all samples before, by doubling
             phi[reach:] = phi[reach:] + factor * phi[:-reach]
-            reach, factor = 2 * reach, factor * factor
+            reach = 2 * reach
+            factor = factor * factor
     return phi[order]
 
 
@@ -186,7 +196,8 @@ def _drawbar(
     That is its pose (..., 3), its turn psi_i' along the path, the vector RJ2 -> RJ1 (..., 2), and
     the travel of RJ2 per metre of path, along and across the trailer.
     """
-    pose_i, kappa = path.pose(s_i), path.curvature(s_i)
+    pose_i = path.pose(s_i)
+    kappa = path.curvature(s_i)
     phi, turn = drift_at(s_i, kappa)
     pose_i[..., :2] -= behind_m * unit(pose_i[..., 2])
     pose_i[..., 2] -= phi

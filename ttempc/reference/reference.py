@@ -44,7 +44,8 @@ def check_drivable(path: Path, vehicle: Vehicle, front_share: float = 0.9) -> No
     count = math.ceil(path.length_m / _CHECK_STEP_M) + 1
     along = np.linspace(0.0, path.length_m, count)
     angle = np.abs(np.arctan(vehicle.wheelbase * path.curvature(along)))
-    worst, allowed = int(np.argmax(angle)), front_share * vehicle.steering_limit_t
+    worst = int(np.argmax(angle))
+    allowed = front_share * vehicle.steering_limit_t
     if angle[worst] > allowed:
         raise InvalidPath(
             f"path too tight at {place_on(path, float(along[worst]))}: front steering would need "
@@ -196,7 +197,8 @@ class Reference(Immutable):
         distance, v, acceleration = self.speed.travel(times + self.lead_s)
         at = posture(self.path, vehicle, distance, self.guided_behind_m)
         speed_i = at.travel_ratio * v
-        delta_t, delta_i = at.delta_t, at.delta_i
+        delta_t = at.delta_t
+        delta_i = at.delta_i
         lead_t = vehicle.steering_lag_t * v * at.delta_t_per_m
         command_i = delta_i + vehicle.steering_lag_i * v * at.delta_i_per_m
         if tow(self.path, vehicle, self.guided_behind_m) is not None:
@@ -239,7 +241,8 @@ def guided(reference: Reference, point: Guided) -> Reference:
     and c its equation of yaw is the same, and outputs and gains are those of the tool. Without tool
     and c the reference stays as it is: what is recorded and judged.
     """
-    vehicle, behind = reference.vehicle, 0.0
+    vehicle = reference.vehicle
+    behind = 0.0
     if point == "tool":
         behind = vehicle.tool_behind
     if not (behind or vehicle.trailer_turning_offset):
@@ -261,7 +264,8 @@ def check_pace(reference: Reference, period_s: float) -> None:
     Raises:
         InvalidReference: with the place, the rate or position that is needed and the limit.
     """
-    grid, vehicle = reference.on_grid(period_s), reference.vehicle
+    grid = reference.on_grid(period_s)
+    vehicle = reference.vehicle
     lead = (grid.inputs - grid.state[:, State.DELTA_T :])[:, :2]  # lag times rate
     rates = np.abs(lead / [vehicle.steering_lag_t, vehicle.steering_lag_i])
     for actuator, needed, limit, unit in (

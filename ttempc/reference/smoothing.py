@@ -25,7 +25,8 @@ _REPEATED_M = 1e-6  # points closer together count as repeated
 _WEIGHT_AT_ENDS = 1e4  # so that path and polygon have the same ends
 # Penalty of the spline for samples 1 m apart: features shorter than about 2 pi penalty^(1/4) m are
 # smoothed out. The range spans noise of millimetres to the length of a field.
-_LEAST_PENALTY, _LARGEST_PENALTY = 1e-6, 1e6
+_LEAST_PENALTY = 1e-6
+_LARGEST_PENALTY = 1e6
 _MOST_SAMPLES = 40_000  # 10 km in steps of 0.25 m; a minute of smoothing
 _HALVINGS = 20  # bisection steps on the logarithm of the penalty
 _NEAREST_M = 0.002  # from the polygon that a path keeps at least: half the dip of points 1 m apart
@@ -108,13 +109,15 @@ def _first_that_suits(
     found = polygon.path_of(smoothest)
     if not suits(found.path):
         return None
-    low, high = nearest, smoothest
+    low = nearest
+    high = smoothest
     while high - low > _CLOSE_ENOUGH:
         middle = 0.5 * (low + high)
         with contextlib.suppress(InvalidPath):
             path = polygon.path_of(middle)
             if suits(path.path):
-                found, high = path, middle
+                found = path
+                high = middle
                 continue
         low = middle
     return found
@@ -149,7 +152,8 @@ class _Polygon:
 
     def largest_penalty_within(self, deviation_m: float) -> float:
         """Return the penalty of the smoothest spline within a distance of the polygon [m]."""
-        low, high = math.log(_LEAST_PENALTY), math.log(_LARGEST_PENALTY)
+        low = math.log(_LEAST_PENALTY)
+        high = math.log(_LARGEST_PENALTY)
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             spline = _fitted(self.samples, self.line, middle)
@@ -243,7 +247,8 @@ def _integrated(
     The parameters `at` include the knots of the spline. Between them its curvature is not quite
     linear: the path drifts from the spline by millimetres in 100 m, which the caller corrects.
     """
-    velocity, bend = spline.derivative(), spline.derivative(2)
+    velocity = spline.derivative()
+    bend = spline.derivative(2)
     half = 0.5 * np.diff(at)
     node = at[:-1, None] + half[:, None] * (1.0 + _NODES)  # (n - 1, 3)
     steps = half * (np.linalg.norm(velocity(node), axis=-1) @ _WEIGHTS)
@@ -258,7 +263,8 @@ def _integrated(
     (vx, vy), (ax, ay) = velocity(at).T, bend(at).T
     curvature = (vx * ay - vy * ax) / pace**3
     curvature[[0, -1]] = 0.0  # natural ends
-    lengths, kappa = np.diff(travelled).tolist(), curvature.tolist()
+    lengths = np.diff(travelled).tolist()
+    kappa = curvature.tolist()
     segments = tuple(map(Segment, lengths, kappa[:-1], kappa[1:]))
     x, y = spline(0.0).tolist()
     return Path(segments, (x, y, math.atan2(vy[0], vx[0]))), travelled
@@ -312,7 +318,8 @@ def _apart(points: FloatArray, spacing_m: float) -> NDArray[np.intp]:
     for index, (x, y) in enumerate(points.tolist()):
         if math.hypot(x - last_x, y - last_y) >= spacing_m:
             kept.append(index)
-            last_x, last_y = x, y
+            last_x = x
+            last_y = y
     last = len(points) - 1
     if kept[-1] != last and np.any(points[kept[-1]] != points[last]):
         if len(kept) > 1:  # the end takes the place of the point that it is too near to

@@ -49,7 +49,8 @@ class Tow:
         if math.isfinite(self.lap_m):
             inside = distance - self.lap_m * np.floor(distance / self.lap_m)
         inside = np.clip(inside, first, last)
-        fold, steering = self.fold(inside), self.steering(inside)
+        fold = self.fold(inside)
+        steering = self.steering(inside)
         return fold, steering, self.fold(inside, 1), self.steering(inside, 1)
 
 
@@ -110,7 +111,7 @@ def _steering(
     """Return delta_i [rad] of a towed trailer at `places` and its derivative, None for another."""
     straight = np.zeros_like(places)
     stop = vehicle.steering_limit_i
-    if stop == 0.0:
+    if vehicle.is_plain:
         return straight, straight
     count = math.ceil(path.length_m / _CHECK_STEP_M) + 1
     try:
@@ -187,9 +188,12 @@ def towed_posture(path: Path, vehicle: Vehicle, towed: Tow, distance: ArrayLike)
     The trailer's yaw, the drawbar's and the travel of the trailer point follow from lambda and
     delta_i and their derivatives per metre.
     """
-    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    a = vehicle.hitch_offset
+    d = vehicle.drawbar_length
+    length_i = vehicle.trailer_length
     s_t = np.asarray(distance, dtype=float)
-    pose_t, kappa_t = path.pose(s_t), path.curvature(s_t)
+    pose_t = path.pose(s_t)
+    kappa_t = path.curvature(s_t)
     fold, delta_i, fold_per_m, delta_i_per_m = towed.at(s_t)
 
     psi_i = pose_t[..., 2] - fold

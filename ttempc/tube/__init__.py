@@ -1,7 +1,7 @@
 """Disturbance sets, tubes with certificates and their calibration, for linear systems.
 
-The names below are for any linear system given as arrays, of any dimension, time-varying or not.
-`reference_tube` has the tube of a tractor with its trailer.
+The names below apply to any linear system given as arrays: of any dimension, time-varying or
+time-invariant. The module `reference_tube` computes the tube of a tractor with its trailer.
 """
 
 from .conformal import Calibration, calibrate, largest_score

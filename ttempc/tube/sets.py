@@ -10,12 +10,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InvalidTube
 from ..types import FloatArray
+
+Shape = Literal["box", "zonotope"]
+
+# Iterations of `DisturbanceSet.worst`: the sum is then within 1 % of the largest one, as measured
+# along the tubes of this project.
+_ITERATIONS: Final = 100
+_NO_MULTIPLIER: Final = 1e-300  # sum of multipliers below which no window limits a step
+_BISECTIONS: Final = 40  # of the order of a quantile, down to 1e-12 of the first interval
 
 
 @dataclass(frozen=True)
@@ -31,52 +40,63 @@ class SupportSet:
 
 
 def minkowski_sum(sets: Sequence[SupportSet | DisturbanceSet]) -> SupportSet:
-    """Return {x_1 + x_2 + ... : x_j in set j}."""
-    dimension = sets[0].dimension
-    return SupportSet(dimension, lambda a: np.sum([one.support(a) for one in sets], axis=0))
+    """Return the Minkowski sum {x_1 + x_2 + ... : x_j in set j}."""
+
+    def function(directions: FloatArray) -> FloatArray:
+        return np.sum([each.support(directions) for each in sets], axis=0)
+
+    return SupportSet(sets[0].dimension, function)
 
 
-def linear_map(matrix: FloatArray, of: SupportSet | DisturbanceSet) -> SupportSet:
-    """Return {matrix x : x in `of`}, `matrix` (m, n)."""
-    return SupportSet(len(matrix), lambda a: of.support(a @ matrix))
+def linear_map(matrix: FloatArray, convex: SupportSet | DisturbanceSet) -> SupportSet:
+    """Return the image {M x : x in `convex`} of a set under M, `matrix` (m, n)."""
+
+    def function(directions: FloatArray) -> FloatArray:
+        return convex.support(directions @ matrix)
+
+    return SupportSet(len(matrix), function)
 
 
-def outline(of: SupportSet | DisturbanceSet, plane: FloatArray, count: int = 180) -> FloatArray:
+def outline(convex: SupportSet | DisturbanceSet, plane: FloatArray, count: int = 180) -> FloatArray:
     """Return the vertices of a polygon around the projection onto `plane` (2, n), (`count`, 2).
 
-    The polygon is bounded by the tangents in `count` directions. It contains the projection, whose
-    diameter be D, and no point of it is farther away than D / 2 tan(pi / `count`).
+    The polygon is bounded by the tangents in `count` directions. It contains the projection. No
+    point of the polygon is farther from the projection than D / 2 tan(pi / `count`), where D is
+    the diameter of the projection.
     """
+    # Tangents of the projection: normal'x = reach.
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (count, 2)
-    reach = of.support(normal @ plane)
-    pairs = np.stack([normal, np.roll(normal, -1, axis=0)], axis=1)  # neighbouring tangents
-    corners = np.linalg.solve(pairs, np.stack([reach, np.roll(reach, -1)], axis=1)[..., None])
-    return np.asarray(corners[..., 0], dtype=np.float64)
+    reach = convex.support(normal @ plane)  # (count,)
 
-
-Shape = Literal["box", "zonotope"]
-
-_ITERATIONS = 100  # of `worst`: within 1 % of the largest sum along the tubes of this project
-_NOTHING = 1e-300  # multiplier of a step that no window limits
+    # Each vertex is the intersection of two neighbouring tangents.
+    next_normal = np.roll(normal, -1, axis=0)
+    next_reach = np.roll(reach, -1)
+    normals = np.stack([normal, next_normal], axis=1)  # (count, 2, 2)
+    reaches = np.stack([reach, next_reach], axis=1)  # (count, 2)
+    vertices = np.linalg.solve(normals, reaches[..., None])
+    return np.asarray(vertices[..., 0], dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class DisturbanceSet:
     """Sequences w(0), w(1), ... with bounded energy in every window of N successive steps.
 
-    With y = axes^-1 w, in every window the sum of y_a^2 is at most 1 for each axis a. With N = 1
-    this is a box (axes along the coordinates) or a zonotope (axes of principal components) for each
-    single step. The energy of noise in a window is far less
-    than N times the largest energy of a single step, so that a longer window bounds the same data
-    more tightly: by a factor of 0.62 for white Gaussian noise, N = 5 and a coverage of 99.9 %.
+    The components of a step along the axes are y = axes^-1 w. The energy along an axis is the sum
+    of the squares of its component over a window. It is at most 1 along each axis and in every
+    window. With N = 1 each step lies in a box (axes along the coordinates) or in a zonotope (axes
+    of principal components).
+
+    The energy of noise in a window is far less than N times the largest energy of a single step.
+    A longer window therefore bounds the same data more tightly: by a factor of 0.62 for white
+    Gaussian noise, N = 5 and a coverage of 99.9 %.
 
     Raises:
         InvalidTube: the axes are not a regular square matrix, the window is not positive, or there
             is no such shape.
     """
 
-    axes: FloatArray  # (n, n) a column for each axis, its length the half width along it
+    axes: FloatArray  # (n, n): a column for each axis; its length is the half width along it
     window: int = 1  # N [steps]
     shape: Shape = "zonotope"
 
@@ -85,9 +105,7 @@ class DisturbanceSet:
             raise InvalidTube(f"window: got {self.window} steps, must be 1 or more")
         if self.shape not in get_args(Shape):
             raise InvalidTube(f"shape: got {self.shape!r}, must be one of {get_args(Shape)}")
-        square = self.axes.ndim == 2 and self.axes.shape[0] == self.axes.shape[1]
-        regular = square and bool(np.isfinite(self.axes).all())
-        if not regular or np.linalg.matrix_rank(_scaled(self.axes)) < len(self.axes):
+        if not _is_regular(self.axes):
             raise InvalidTube(
                 f"axes: got {self.axes.shape} with the lengths "
                 f"{np.linalg.norm(self.axes, axis=0).tolist()}, must be square and of full rank"
@@ -95,12 +113,14 @@ class DisturbanceSet:
 
     @property
     def dimension(self) -> int:
+        """Number n of entries of a step."""
         return len(self.axes)
 
     def energies(self, disturbances: FloatArray) -> FloatArray:
         """Return the energy of every window of a run (k, n) along each axis, (n, k - N + 1)."""
-        energy = np.linalg.solve(self.axes, disturbances.T) ** 2  # (n, k)
-        return np.lib.stride_tricks.sliding_window_view(energy, self.window, axis=1).sum(axis=2)
+        of_steps = np.linalg.solve(self.axes, disturbances.T) ** 2  # (n, k)
+        windows = np.lib.stride_tricks.sliding_window_view(of_steps, self.window, axis=1)
+        return windows.sum(axis=2)
 
     def fill(self, disturbances: FloatArray) -> FloatArray:
         """Return the gauge of every window of a run (k, n), at most 1 inside, (k - N + 1,)."""
@@ -110,7 +130,8 @@ class DisturbanceSet:
         """Return the largest weighted sum over a window, (...).
 
         `energies` (..., n) holds, for each axis, the sum over the window of the squared weights of
-        its entries. By Cauchy and Schwarz each axis adds up to the root of its own.
+        its components. By the inequality of Cauchy and Schwarz, the weighted sum along an axis is
+        at most the root of this energy.
         """
         return np.sqrt(energies).sum(axis=-1)
 
@@ -120,29 +141,55 @@ class DisturbanceSet:
 
     @cached_property
     def faces(self) -> FloatArray:
-        """Return rows f (n, n): a step w lies inside where |f w| <= 1 for all of them."""
+        """Rows f (n, n) of the faces: a step w lies inside where |f w| <= 1 for every row."""
         return np.linalg.inv(self.axes).astype(np.float64)
 
     def worst(self, coefficients: FloatArray) -> FloatArray:
         """Return an admissible run w (T, n) with a large sum of `coefficients` (T, n) times w.
 
         Every sliding window of the run lies in the set. Up to T = N the sum is the largest one. For
-        more steps the dual problem, one multiplier for each window, is minimised by its majoriser:
-        a multiplier is multiplied by the root of the energy in its window. The sum converges to the
-        largest one from below.
+        more steps the dual problem, with one multiplier for each window and axis, is minimised by
+        its majoriser: each iteration multiplies a multiplier by the root of the energy in its
+        window. The sum converges to the largest one from below.
         """
-        along = coefficients @ self.axes
-        window = min(self.window, len(along))
-        multipliers = np.ones((len(along) - window + 1, along.shape[1]))
-        y, energy = along, multipliers
-        for _ in range(_ITERATIONS if len(along) > window else 1):
+        weights = coefficients @ self.axes  # of the components along the axes, (T, n)
+        steps = len(weights)
+        window = min(self.window, steps)
+        iterations = _ITERATIONS if steps > window else 1
+
+        # For given multipliers, the best component of a step is its weight over the sum of the
+        # multipliers of all windows that contain the step.
+        multipliers = np.ones((steps - window + 1, weights.shape[1]))
+        energy = multipliers
+        components = weights
+        no_window = window - 1  # rows before the first and behind the last window
+        for _ in range(iterations):
             multipliers = multipliers * np.sqrt(energy)
-            padded = np.pad(multipliers, ((window - 1,) * 2, (0, 0)))
+            padded = np.pad(multipliers, ((no_window, no_window), (0, 0)))
             covering = _sliding_sums(padded, window)
-            y = np.divide(along, covering, out=np.zeros_like(along), where=covering > _NOTHING)
-            energy = _sliding_sums(y**2, window)
-        length = np.sqrt(energy.max(axis=0))
-        return np.divide(y, length, out=np.zeros_like(y), where=length > 0.0) @ self.axes.T
+            components = _divide(weights, covering, where=covering > _NO_MULTIPLIER)
+            energy = _sliding_sums(components**2, window)
+
+        # The fullest window along each axis has the energy 1.
+        largest = np.sqrt(energy.max(axis=0))
+        return _divide(components, largest, where=largest > 0.0) @ self.axes.T
+
+
+def _is_regular(matrix: FloatArray) -> bool:
+    """Return whether a matrix is square, finite and of full rank, whatever the units of its rows.
+
+    The rows are scaled to the length 1 before the rank is computed.
+    """
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
+        return False
+    length = np.linalg.norm(matrix, axis=1, keepdims=True)
+    scaled = _divide(matrix, length, where=length > 0.0)
+    return bool(np.linalg.matrix_rank(scaled) == len(matrix))
+
+
+def _divide(values: FloatArray, divisor: FloatArray, where: NDArray[np.bool_]) -> FloatArray:
+    """Return the quotient, 0 except `where` a condition holds."""
+    return np.divide(values, divisor, out=np.zeros_like(values), where=where)
 
 
 def _sliding_sums(values: FloatArray, window: int) -> FloatArray:
@@ -150,19 +197,14 @@ def _sliding_sums(values: FloatArray, window: int) -> FloatArray:
     return np.lib.stride_tricks.sliding_window_view(values, window, axis=0).sum(axis=-1)
 
 
-def _scaled(matrix: FloatArray) -> FloatArray:
-    length = np.linalg.norm(matrix, axis=1, keepdims=True)
-    return np.divide(matrix, length, out=np.zeros_like(matrix), where=length > 0.0)
-
-
 def fit_set(
     runs: Sequence[FloatArray], coverage: float, window: int = 1, shape: Shape = "box"
 ) -> DisturbanceSet:
-    """Return the set that contains a share of all windows of the residuals, centred at 0.
+    """Return a set, centred at 0, that contains a share of all windows of the residuals.
 
-    The axes of a box are the coordinate axes, those of a zonotope the principal components of the
-    correlation matrix, scaled by the standard deviations. The half widths are quantiles of equal
-    order along each axis, so that heavy tails along one axis do not widen the others.
+    The axes of a box are the coordinate axes. The axes of a zonotope are the principal components
+    of the correlation matrix, scaled by the standard deviations. The half widths are quantiles of
+    the same order along every axis, so that heavy tails along one axis do not widen the others.
 
     Args:
         runs: residuals w(k) = z(k+1) - A z(k) - B u(k) of each run, (steps, n) each.
@@ -171,8 +213,8 @@ def fit_set(
         shape: of the set.
 
     Raises:
-        InvalidTube: coverage out of range, a run that is no (steps, n) of finite values or shorter
-            than a window, or a residual that does not vary.
+        InvalidTube: the coverage is out of range; a run is not (steps, n), not finite, or shorter
+            than a window; or a residual does not vary.
     """
     if not 0.0 < coverage <= 1.0:
         raise InvalidTube(f"coverage: got {coverage}, must be above 0 and at most 1")
@@ -183,23 +225,36 @@ def fit_set(
                 f"{window} steps at least"
             )
     samples = np.concatenate(runs)
-    spread = samples.std(axis=0)
-    if not np.all(spread > 0.0):
-        raise InvalidTube(f"residuals without spread: standard deviations {spread.tolist()}")
-    axes = np.diag(spread)
+    deviations = samples.std(axis=0)
+    if not np.all(deviations > 0.0):
+        raise InvalidTube(f"residuals without spread: standard deviations {deviations.tolist()}")
+
+    # Directions of the axes, each with the standard deviation along it as its length.
+    axes = np.diag(deviations)
     if shape != "box":
-        vectors, values, _ = np.linalg.svd(np.corrcoef(samples.T))
-        axes = spread[:, None] * vectors * np.sqrt(values)
+        vectors, variances, _ = np.linalg.svd(np.corrcoef(samples.T))
+        axes = deviations[:, None] * vectors * np.sqrt(variances)
+
+    # Half widths: quantiles of the root of the energy in a window, in standard deviations.
     unit = DisturbanceSet(axes, window, shape)
-    windows = np.sqrt(np.concatenate([unit.energies(run) for run in runs], axis=1)).T
-    return DisturbanceSet(axes * _joint_quantile(windows, coverage), window, shape)
+    energies = np.concatenate([unit.energies(run) for run in runs], axis=1)  # (n, windows)
+    half_widths = _joint_quantile(np.sqrt(energies).T, coverage)
+    return DisturbanceSet(axes * half_widths, window, shape)
 
 
 def _joint_quantile(samples: FloatArray, coverage: float) -> FloatArray:
-    """Return one quantile per column, all of one order, that contain a share of the rows, (n,)."""
-    low, high = coverage, 1.0
-    for _ in range(40):
+    """Return the quantiles of all columns whose box contains a share of the rows, (n,).
+
+    Their order is the same for every column. It is at least the coverage, because a row is inside
+    only where all its entries are, and is found by bisection.
+    """
+    low = coverage
+    high = 1.0
+    for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         inside = (samples <= np.quantile(samples, middle, axis=0)).all(axis=1).mean()
-        low, high = (middle, high) if inside < coverage else (low, middle)
+        if inside < coverage:
+            low = middle
+        else:
+            high = middle
     return np.quantile(samples, high, axis=0)

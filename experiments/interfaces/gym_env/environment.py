@@ -42,7 +42,7 @@ EFFORT: Final = 0.1
 """Cost where all commands change as fast as the vehicle allows; assumed: as an error of 3 cm."""
 
 LARGEST_COST: Final = 100.0
-"""Of a period: that of 1 m; assumed."""
+"""Of a period: as large as that of an error of 1 m; assumed."""
 
 _LEFT_OUT: Final = (prepare, log_truth, log_timing)  # of real time and the log
 _SEEDS: Final = 2**32  # as of `ttempc run --seed`
@@ -72,7 +72,7 @@ def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int
 
 
 class FieldTrial(gymnasium.Env[Entries, Entries]):
-    """A run of a scenario; `reset(seed=N)` starts that of `ttempc run --seed N`.
+    """A run of a scenario; `reset(seed=N)` starts the run of `ttempc run --seed N`.
 
     Estimator and supervisor of the run stay in place; the action replaces the
     command of the controller, or is added to it. `observation_names` has the entries of what a
@@ -122,7 +122,8 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
             "trust": trust,
             "render_mode": render_mode,
         }
-        share, listed = residual_share, isinstance(overrides, list | tuple)
+        share = residual_share
+        listed = isinstance(overrides, list | tuple)
         texts = listed and all(isinstance(one, str) for one in overrides)
         for right, name, allowed, given in (
             (isinstance(scenario, str), "scenario", "a text", scenario),
@@ -137,13 +138,16 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         ):  # fmt: skip
             if not right:
                 raise BadOptions(one_line(f"{name}: must be {allowed}, got {given!r}"))
-        source, changes = read_scenario(scenario), parse_overrides(overrides)
+        source = read_scenario(scenario)
+        changes = parse_overrides(overrides)
         self._scenario = source.scenario(changes, changed_by="overrides")
         if not trust:
             refuse_untrusted(source.file, named_parts(self._scenario), changes)
         check(self._scenario)
-        self._residual, self._share = action == "residual", residual_share
-        vehicles, mission = self._scenario.vehicles(), self._scenario.mission()
+        self._residual = action == "residual"
+        self._share = residual_share
+        vehicles = self._scenario.vehicles()
+        mission = self._scenario.mission()
         self._vehicle = model_vehicle(mission, self._scenario, vehicles)
         self._limits = CommandLimits.of(self._vehicle, self._scenario.control.period_s)
         largest, scale = bounds(ESTIMATE_NAMES)
@@ -151,11 +155,14 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         largest = np.ones(len(scale), np.float32) if normalised else largest.astype(np.float32)
         self.observation_space = Box(-largest, largest, dtype=np.float32)
         self._normalised = normalised and not self._residual
-        low, high = (self._limits.lower, self._limits.upper)
+        low = self._limits.lower
+        high = self._limits.upper
         if normalised or self._residual:
-            low, high = -np.ones(3), np.ones(3)
+            low = -np.ones(3)
+            high = np.ones(3)
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        self.render_mode, self._camera = render_mode, None
+        self.render_mode = render_mode
+        self._camera = None
         if render_mode:
             from .picture import Camera
 
@@ -206,9 +213,11 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
     def _start(self, run_seed: int) -> Entries:
         """Assemble the run of a seed and drive it to the first observation."""
         assembly = assemble(self._scenario, run_seed, self._controller, self._parts)
-        self._reference, period_s = assembly.guidance.reference, assembly.guidance.period_s
+        self._reference = assembly.guidance.reference
+        period_s = assembly.guidance.period_s
         self._setup: SimulationSetup = assembly.setup(Tee(), 1.0 / period_s)
-        self._guidance, self._ticks = assembly.guidance, assembly.ticks
+        self._guidance = assembly.guidance
+        self._ticks = assembly.ticks
         stages = tuple(stage for stage in assembly.stages if stage not in _LEFT_OUT)
         self._run = periods(self._setup, self._ticks, stages, lambda k: None)
         self._run_seed = run_seed
@@ -283,7 +292,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
     def _controller(
         self, vehicle: Vehicle, reference: Reference, period_s: float, **options: object
     ) -> Controller:
-        """Return the controller that takes the actions; `options` are those of the scenario's."""
+        """Return the controller that takes the actions; `options` are the scenario's."""
         del options
         if not self._residual:
             return _Actions(self)
@@ -305,7 +314,8 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         return None
 
     def _observe(self) -> Entries:
-        tick, k = self._tick, self._guidance.reference_tick
+        tick = self._tick
+        k = self._guidance.reference_tick
         assert tick.estimate is not None
         if self._guidance.reference is not self._reference:  # the model was learnt anew
             self._reference = self._guidance.reference
@@ -315,7 +325,8 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
 
     def _errors_m(self) -> tuple[float, float]:
         """Return the true distances of both points from their references [m]."""
-        now, setup = self._tick.now, self._setup
+        now = self._tick.now
+        setup = self._setup
         # The next tick has begun, unless the run has ended: the reference is that of now.
         step = self._guidance.reference_tick * setup.control_steps
         x_t, y_t, _, x_i, y_i = setup.reference_row(step, *now.tractor[:2])[:5].tolist()

@@ -29,17 +29,20 @@ class Camera:
         """Return the picture of a plant at its present state, (height, width, 3)."""
         self._gl.make_current()
         if plant is not self._plant:
-            self._plant, self._model = plant, plant.drawn_model()
+            self._plant = plant
+            self._model = plant.drawn_model()
             self._data = mujoco.MjData(self._model)
             self._renderer = off_screen_renderer(self._model)
             self._scene = mujoco.MjvScene(self._model, _SHAPES)
-        model, data = self._model, self._data
+        model = self._model
+        data = self._data
         data.qpos[:] = plant.data.qpos
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)  # which the camera follows
         mujoco.mj_camlight(model, data)
         view = mujoco.MjvCamera()
-        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(_VIEW).id
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        view.fixedcamid = model.camera(_VIEW).id
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, view, everything, self._scene)
         return rendered(self._scene, self._renderer, _SIZE)

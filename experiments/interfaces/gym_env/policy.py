@@ -57,7 +57,7 @@ _BOUNDS: Final = {
     "rad": (2.0 * math.pi, math.pi),
     "mps": (20.0, 5.0),
     "mps2": (20.0, 1.0),
-    "e_m": (1e4, 2.0),  # an error
+    "e_m": (1e4, 2.0),  # scale of an error
 }
 _NO_UNIT: Final = (10.0, 1.0)
 
@@ -86,7 +86,8 @@ class EstimateObserver:
     def observe(self, estimate: Estimate, k: int, sent: FloatArray) -> NDArray[np.float32]:
         """Return the observation at tick `k` after the command `sent` (3,), (n,)."""
         k = min(k, self._last)
-        error, state = estimated_error(estimate, self._grid, k), estimate.state[State.DELTA_T :]
+        error = estimated_error(estimate, self._grid, k)
+        state = estimate.state[State.DELTA_T :]
         hitch = [estimate.hitch_angle]
         reference = self._entries[k]
         entries = np.concatenate([error, state, hitch, estimate.disturbance, reference, sent])
@@ -106,7 +107,7 @@ def half_range(limits: CommandLimits) -> FloatArray:
 def add_residual(
     inner: HasStep, residual: Residual, share: float, reference: Reference, period_s: float
 ) -> Controller:
-    """Return a controller that adds a share of the commands' range to those of another one.
+    """Return a controller that adds a share of the range to the commands of another one.
 
     An action of 0 leaves every bit of the other's commands.
 
@@ -134,7 +135,9 @@ class _Within(TrackingController):
 
     def __init__(self, inner: TrackingController, added: Residual) -> None:
         vars(self).update(vars(inner))
-        self._inner, self._added, self._last = inner, added, np.zeros(len(Input))
+        self._inner = inner
+        self._added = added
+        self._last = np.zeros(len(Input))
 
     def warm_up(self) -> None:
         """Warm the other controller up; nothing is asked for an action."""
@@ -162,7 +165,10 @@ class _Around(Controller):
     def __init__(
         self, inner: Controller, added: Residual, limits: CommandLimits, sent: FloatArray
     ) -> None:
-        self._inner, self._added, self._limits, self._sent = inner, added, limits, sent
+        self._inner = inner
+        self._added = added
+        self._limits = limits
+        self._sent = sent
         self.space_based = inner.space_based
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:

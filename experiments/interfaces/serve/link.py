@@ -81,6 +81,7 @@ class CommandLink:
     space_based: bool
     command: RemoteCommand | None = field(default=None, repr=False)  # the latest
     silence_s: float = field(default=0.0, repr=False)  # simulated, since the tick of that command
+    released: bool = field(default=False, repr=False)  # whether the peer let go after it
 
 
 class Received(NamedTuple):
@@ -89,6 +90,7 @@ class Received(NamedTuple):
     command: RemoteCommand | None = None
     replies: Sequence[bytes] = ()
     resume: bool = False  # whether the operator lets a stopped vehicle drive on
+    released: bool = False  # whether the peer has let go of the steering
 
 
 class WireProtocol:
@@ -98,6 +100,9 @@ class WireProtocol:
     space_based = False  # whether the peer follows a line of its own and not the reference
     peer_name = ""  # as the peer gives it
     ready = False  # whether the peer has said that the vehicle may start
+    host = "127.0.0.1"  # on which the session listens
+    hold_s = 1.0  # simulated time for which the last command is held, where none is asked for
+    defaults: Sequence[str] = ()  # overrides of a scenario, before those that are asked for
 
     def begin(self, facts: RunFacts, reference: Reference) -> None:
         """Take in the facts of the run, before the peer is waited for."""

@@ -28,7 +28,7 @@ from ...errors import InvalidController, ServeError
 from ...run.assembly import Assembly, assemble
 from ...run.run_folder import Finished, run
 from ...scenario.scenario import Scenario
-from .agopengps import AgOpenGpsProtocol
+from .agopengps import AgOpenGpsProtocol, Dialect
 from .json_protocol import JsonProtocol
 from .link import (
     Address,
@@ -59,7 +59,7 @@ class SessionSettings:
     speed: float = 1.0  # simulated seconds per second of the clock
     lockstep: bool = False  # whether the plant waits for every command and keeps no pace
     wait_s: float = 600.0  # for the start, and in lock-step for each command
-    hold_s: float = 1.0  # for which the last command is held before the vehicle stops
+    hold_s: float | None = None  # for which the last command is held; None: as the protocol has it
 
 
 class RemoteController(Controller):
@@ -112,7 +112,10 @@ class RemoteController(Controller):
 
 
 class SilenceDetector:
-    """Detector of a peer without a command for `limit` seconds: the vehicle stops until it has."""
+    """Detector of a peer that lets go of the steering, or has no command for `limit` seconds.
+
+    The vehicle stops until the peer has a command again.
+    """
 
     name = "command link"
 
@@ -121,13 +124,13 @@ class SilenceDetector:
 
     @property
     def statistic(self) -> float:
-        """Time since the latest command [s], simulated."""
-        return self._link.silence_s
+        """Time since the latest command [s], simulated; endless where the peer has let go."""
+        return math.inf if self._link.released else self._link.silence_s
 
     @property
     def residual(self) -> float:
         """The same."""
-        return self._link.silence_s
+        return self.statistic
 
     def observe(self, observation: Observation) -> None:
         """Nothing: the session counts the ticks."""
@@ -135,6 +138,8 @@ class SilenceDetector:
     def alarm(self) -> Alarm:
         """Return the alarm that stops the vehicle."""
         reason = f"no command over UDP for more than {self.limit:g} s"
+        if self._link.released:
+            reason = "disengaged over UDP"
         return Alarm(self.name, reason, Reaction.STOP)
 
 
@@ -179,6 +184,8 @@ class Session:
         self.used = 0  # commands that came in time
         self._name, self._link, self._settings, self._say = name, link, settings, say
         self._protocol = protocol
+        protocol.host = link.address[0]
+        self._hold_s = protocol.hold_s if settings.hold_s is None else settings.hold_s
         self._tick = 0
         self._latest_tick = -1  # of the latest command
         self._open = False  # whether a command of the present tick is in time
@@ -198,7 +205,7 @@ class Session:
             ExperimentError, TestbedError, TtempcError: as `experiments.run.assembly.assemble`.
         """
         self._period_s = scenario.control.period_s
-        silence = SilenceDetector(self.commands, self._settings.hold_s)
+        silence = SilenceDetector(self.commands, self._hold_s)
         safety = _FREE if self._protocol.space_based else SafetyLimits()
         kind = Guidance if self._settings.lockstep else PacedGuidance
 
@@ -343,6 +350,8 @@ class Session:
             self._link.audience = [*others, address][-_MOST_LISTENERS:]
         self._send(received.replies)
         self._resume |= received.resume and self._running
+        if received.released or received.command is not None:
+            self.commands.released = received.released
         if received.command is not None and self._running:
             self._keep(received.command)
 
@@ -373,6 +382,7 @@ class Session:
 PROTOCOLS: Final[dict[str, Callable[[], WireProtocol]]] = {
     "json": JsonProtocol,
     "agopengps": AgOpenGpsProtocol,
+    "agopenweb": partial(AgOpenGpsProtocol, Dialect.AGOPENWEB),
 }
 
 

@@ -1,1 +1,1 @@
-"""Declarations of the studies: each module has `STUDIES`."""
+"""Declarations of tables: each module has its `TABLES`."""

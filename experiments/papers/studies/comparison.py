@@ -16,8 +16,8 @@ from ...results.summary import ACTUATOR_USE
 from ...seeds import TUNED_FIELDS
 from ...studies.sweep.results import WORKING_P95
 from ...studies.sweep.study import DrawnAxis, load_study
-from ..study import Study
-from ..tables import markdown
+from ..markdown import markdown
+from ..table import Table
 
 DEFAULT: Final = "ttempc"  # that the others are compared with
 LEVEL: Final = 0.05  # of the tests, after Holm's correction
@@ -57,7 +57,7 @@ class Comparison:
 
     @cached_property
     def log_ratio(self) -> pd.DataFrame:
-        """Logarithm of each error over that of the default controller, as `column`.
+        """Logarithm of each error over the default controller's, as `column`.
 
         Without the fields of a controller on which one of the two lost a run: a mean over the seeds
         that were easy enough would favour the weaker controller.
@@ -68,7 +68,7 @@ class Comparison:
 
     @cached_property
     def ratios(self) -> dict[tuple[str, str], tuple[IntervalEstimate, float]]:
-        """Error over that of the default one by field and rival, and its p-value.
+        """Error over the default controller's by field and rival, and its p-value.
 
         The ratio is the geometric mean over seeds; p of no difference is adjusted after Holm for
         all comparisons, NaN for a single seed.
@@ -119,7 +119,8 @@ def controllers(rows: pd.DataFrame) -> str:
     for name in comparison.controllers:
         ratio, fields = comparison.over_fields(name)
         verdicts = [comparison.verdict(field, name) for field in comparison.fields]
-        own, cost = rows[rows["controller"] == name], medians[name][_STEP]
+        own = rows[rows["controller"] == name]
+        cost = medians[name][_STEP]
         lines.append(
             (
                 f"`{name}`",
@@ -161,7 +162,8 @@ SWEEPS: Final = ("terrain-slip", "delay", "noise", "speed-radius", "mismatch")
 
 def side_by_side(rows: pd.DataFrame) -> str:
     """Return the errors of all sweeps, with the paired differences of the rivals."""
-    lines, shown = [], [DEFAULT, *(name for name in rows["controller"].unique() if name != DEFAULT)]
+    lines = []
+    shown = [DEFAULT, *(name for name in rows["controller"].unique() if name != DEFAULT)]
     for name, own in rows.groupby("study", sort=False):
         _, study = load_study(str(name))
         drawn = any(isinstance(axis, DrawnAxis) for axis in study.axis)
@@ -185,7 +187,7 @@ def side_by_side(rows: pd.DataFrame) -> str:
     return markdown((*heads, *pairs), lines)
 
 
-STUDIES: Final = (
-    Study(name="compare", table=controllers, sweeps=("compare",)),
-    Study(name="studies", table=side_by_side, sweeps=SWEEPS),
+TABLES: Final = (
+    Table(name="compare", text=controllers, sweeps=("compare",)),
+    Table(name="studies", text=side_by_side, sweeps=SWEEPS),
 )

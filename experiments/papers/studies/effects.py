@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from ...results.statistics import mean
-from ..study import Study
-from ..tables import markdown
+from ..markdown import markdown
+from ..table import Table, listed, study, variants
 
 BASE: Final = (
     'implement={type="field-cultivator",width_m=2.0,depth_m=0.10}',
@@ -46,10 +46,11 @@ def _table(frame: pd.DataFrame) -> str:
     number of lost runs instead, and is last. Controllers within `_EQUAL` of each other are equal.
     """
     cm = (100.0 * frame[_P95]).where(frame["status"] == "completed")
-    errors = frame.assign(cm=cm).pivot(index="seed", columns=["effect", "driver"], values="cm")
+    errors = frame.assign(cm=cm).pivot(index="seed", columns=["effect", "controller"], values="cm")
     lines = []
     for effect in EFFECTS:
-        own, cells = errors[effect], []
+        own = errors[effect]
+        cells = []
         for driver in _CONTROLLERS:
             change = (own[driver] - errors["none"][driver]).to_numpy()
             if np.isnan(change).any():
@@ -60,7 +61,8 @@ def _table(frame: pd.DataFrame) -> str:
                 found = mean(change)
                 cells.append(f"{found.value:+.2f} ± {found.value - (found.low or 0.0):.2f}")
         means = {c: own[c].mean() if own[c].notna().all() else math.inf for c in _CONTROLLERS}
-        order, least = "", -math.inf
+        order = ""
+        least = -math.inf
         for name, value in sorted(means.items(), key=lambda item: item[1]):
             order += (" = " if value - least < _EQUAL or value == least else " < ") * bool(order)
             least = least if order.endswith("= ") else value
@@ -69,14 +71,19 @@ def _table(frame: pd.DataFrame) -> str:
     return markdown(["effect", *(f"`{name}`" for name in _CONTROLLERS), "order"], lines)
 
 
-STUDIES: Final = (
-    Study(
+TABLES: Final = (
+    Table(
         name="effects",
-        table=_table,
-        scenarios=("farm",),
-        axes={"effect": EFFECTS, "driver": {c: (f'controller.name="{c}"',) for c in _CONTROLLERS}},
-        overrides=("path.laps=1", *BASE),
-        seeds=tuple(range(9701, 9709)),
+        studies={
+            "effects": study(
+                "farm",
+                range(9701, 9709),
+                ("path.laps=1", *BASE),
+                variants("effect", EFFECTS),
+                listed("controller", *_CONTROLLERS),
+            )
+        },
+        text=_table,
         checks=(("farm", "ttempc", *BASE),),
     ),
 )

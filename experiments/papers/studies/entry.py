@@ -6,8 +6,6 @@ true state, by drives of the true plant.
 """
 
 import math
-from dataclasses import replace
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -17,13 +15,15 @@ from scipy.stats import qmc
 from ttempc.types import Command, FloatArray
 
 from ....testbed.errors import PlantDiverged
+from ....testbed.recording.record import Record
 from ...results.statistics import proportion
+from ...results.summary import Summary
 from ...results.tracking_errors import tracking_errors
 from ...run.assembly import Assembly, assemble
-from ...run.simulate import simulate
-from ...scenario.scenario import load
-from ..study import Case, Row, Study, summary_row
-from ..tables import Cell, grouped, label, numbers
+from ...studies.sweep.row import Row
+from ...studies.sweep.work import SweepJob, run_job
+from ..markdown import Cell, grouped, label, numbers
+from ..table import Table, study, variants
 
 _SEEDS: Final = tuple(range(9521, 9541))  # tuned on 1 to 14 and 9601 to 9664
 _RANGES: Final = {"entry": (2.0, 35.0), "wide": (2.5, 50.0)}
@@ -40,15 +40,17 @@ GROUNDS: Final = {
     "wet slope, reverse": ("path.reverse=true", *_WET),
     "patchy, reverse": ("path.reverse=true", _PATCHY),
 }
+_SEARCH: Final = "search"
+_FLOOR: Final = "floor"
 CONTROLLERS: Final = {
     "`ttempc`": (),
     "same, `tube = false`": ("controller.options.tube=false",),
     "`nmpc-rti`": ("controller.name=nmpc-rti", "controller.options.damping_s=2"),
     "`lqr`": ("controller.name=lqr",),
     "`pid`": ("controller.name=pid",),
-    "search": (),
+    _SEARCH: (),
 }
-_SPARE_M: Final = 0.02  # over the floor
+_SPARE_M: Final = 0.02  # largest overshoot beyond its floor that counts as at the floor
 _HOME_M: Final = 0.25  # largest distance from the line at the end
 _LIMIT: Final = math.radians(45.0)
 _LOST_M: Final = 5.0  # distance of the tractor from its reference at which a run ends
@@ -56,18 +58,23 @@ _SLOW_M: Final = 0.4  # error across beyond which a searched feedback may be slo
 _BODIES: Final = ("tractor", "trailer")
 
 
-@cache
-def _floor(overrides: tuple[str, ...], seed: int) -> tuple[float, float]:
-    errors = tracking_errors(simulate(*load("line-entry", overrides), seed)[1])
-    return tuple(float(np.abs(getattr(errors, body).cross_m).max()) for body in _BODIES)  # pyright: ignore
-
-
 def start(kind: str, seed: int) -> tuple[float, float]:
     """Return offset to the left [m] and heading [deg] that a seed draws, spread over the ranges."""
     draw = qmc.Halton(2, scramble=False).fast_forward(seed - _SEEDS[0] + 1).random(1)[0].tolist()
-    (most, turned), side = _RANGES[kind], 2.0 * draw[0] - 1.0
+    most, turned = _RANGES[kind]
+    side = 2.0 * draw[0] - 1.0
     offset = math.copysign(1.0 + (most - 1.0) * abs(side), side)
     return round(offset, 2), round(turned * (2.0 * draw[1] - 1.0), 1)
+
+
+def starts(seed: int) -> dict[str, tuple[str, ...]]:
+    """Return the starts of a seed by their kind; `_FLOOR` is on the line."""
+    drawn = {kind: start(kind, seed) for kind in _RANGES}
+    beside = {
+        kind: (f"start.offset_m={offset}", f"start.heading_deg={heading}")
+        for kind, (offset, heading) in drawn.items()
+    }
+    return {**beside, _FLOOR: ("start.offset_m=0",)}
 
 
 # Ranges of a feedback's draws: heading per error across [rad/m], the largest heading [rad], in
@@ -76,39 +83,44 @@ def start(kind: str, seed: int) -> tuple[float, float]:
 _LEAST: Final = np.array([0.1, 0.15, 0.3, 0.15, 0.8, -1.0, 0.2])
 _MOST: Final = np.array([1.0, 1.0, 1.5, 0.8, 3.0, 1.0, 1.0])
 _DRAWS: Final = 400
-_STOPS: Final = np.radians([35.0, 24.0])  # of both steerings
+_STOPS: Final = np.radians([35.0, 24.0])  # largest angles of front and trailer steering [rad]
 
 
-def search(case: Case) -> Row:
+def search(job: SweepJob) -> dict[str, float]:
     """Return whether one of `_DRAWS` feedbacks brings the plant home within the hitch limit.
 
     A feedback sees the true state, asks the point in front for a heading that falls with its error
     across, and turns towards it; in reverse by the angle between the bodies, which the tractor's
     steering sets. It is no optimum: a start that it does not bring home may still have a way home.
     """
-    assembly = assemble(load(case.scenario, case.overrides)[1], case.seed)
-    generator, fold = np.random.default_rng(case.seed), math.inf
+    assembly = assemble(job.scenario, job.seed)
+    generator = np.random.default_rng(job.seed)
     for _ in range(_DRAWS):
         fold = _attempt(assembly, generator.uniform(_LEAST, _MOST).tolist())
         if fold < math.inf:
-            break
-    return {"home": fold < math.inf, "extremes.fold_rad": fold if fold < math.inf else math.nan}
+            return {"home": 1.0, "extremes.fold_rad": fold}
+    return {"home": 0.0}
 
 
 def _attempt(assembly: Assembly, draw: list[float]) -> float:
     """Return the largest hitch angle of a drive that comes home within `_LIMIT`, else inf."""
     near, cap, turn, most, rate, drawbar, slow = draw
-    plant, period_s = assembly.plant, assembly.guidance.period_s
-    vehicle, now, fold = assembly.reference.vehicle, plant.restore(assembly.start), 0.0
+    plant = assembly.plant
+    period_s = assembly.guidance.period_s
+    vehicle = assembly.reference.vehicle
+    now = plant.restore(assembly.start)
+    fold = 0.0
     length = vehicle.trailer_length + vehicle.drawbar_length
     steps = round(period_s / plant.timestep_s)
     path = assembly.reference.at(np.arange(assembly.ticks) * period_s)
     across = np.zeros(2)
     for state, trailer, inputs in zip(path.state, path.trailer_xy, path.inputs, strict=True):
-        cos, sin = math.cos(state[2]), math.sin(state[2])
+        cos = math.cos(state[2])
+        sin = math.sin(state[2])
         x = np.array([now.tractor.x - state[0], now.trailer.x - trailer[0]])
         y = np.array([now.tractor.y - state[1], now.trailer.y - trailer[1]])
-        along, across = cos * x + sin * y, cos * y - sin * x
+        along = cos * x + sin * y
+        across = cos * y - sin * x
         yaw_t = math.remainder(now.tractor.yaw - state[2], math.tau)
         yaw_i = math.remainder(now.trailer.yaw - state[3], math.tau)
         fold = max(fold, abs(now.beta))
@@ -116,13 +128,13 @@ def _attempt(assembly: Assembly, draw: list[float]) -> float:
             return math.inf
         if state[6] < 0.0:
             missing = float(np.clip(near * across[1], -cap, cap)) - yaw_i
-            wanted = float(np.clip(-length * turn * missing, -most, most))
-            curvature = math.sin(yaw_t - yaw_i) / length - rate * (wanted - yaw_t + yaw_i)
+            folded = float(np.clip(-length * turn * missing, -most, most))
+            curvature = math.sin(yaw_t - yaw_i) / length - rate * (folded - yaw_t + yaw_i)
         else:
             curvature = -rate * (float(np.clip(near * across[0], -cap, cap)) + yaw_t)
             missing = yaw_i + near * across[1]
-        angles = math.atan(vehicle.wheelbase * curvature), drawbar * missing
-        angles = np.clip(angles, -_STOPS, _STOPS).tolist()
+        wanted = (math.atan(vehicle.wheelbase * curvature), drawbar * missing)
+        angles = np.clip(wanted, -_STOPS, _STOPS).tolist()
         share = slow if np.abs(across).max() > _SLOW_M else 1.0
         try:
             now = plant.advance(Command(*angles, hp=float(share * inputs[2])), steps)
@@ -131,28 +143,34 @@ def _attempt(assembly: Assembly, draw: list[float]) -> float:
     return fold if np.abs(across).max() < _HOME_M else math.inf
 
 
-def enter(case: Case) -> Row:
-    """Return the figures of a drive, its end and by how much its overshoot exceeds its floor."""
-    offset, heading = start(case["start"], case.seed)
-    turned = (f"start.offset_m={offset}", f"start.heading_deg={heading}")
-    own = replace(case, overrides=(*case.overrides, *turned))
-    if case["variant"] == "search":
-        return search(own)
-    summary, record = simulate(*load(case.scenario, own.overrides), case.seed)
-    row, errors, floor = summary_row(summary), tracking_errors(record), (math.nan, math.nan)
-    if case["start"] == "entry" and "path.reverse=true" not in case.overrides:
-        floor = _floor((*case.overrides, "start.offset_m=0"), case.seed)
-    last = [float(getattr(errors, body).cross_m[-1]) for body in _BODIES]
-    home = summary.status == "completed" and max(map(abs, last)) < _HOME_M
-    over = [row[f"entry.{body}.overshoot_m"] for body in _BODIES]
-    settled = [row[f"entry.{body}.settled_m"] for body in _BODIES]
-    return {
-        **row,
-        "home": home,
-        "over": max(over) if home else math.nan,
-        "excess": max(o - f for o, f in zip(over, floor, strict=True)) if home else math.inf,
-        "settled": max(settled) if home and None not in settled else math.nan,
+def enter(job: SweepJob) -> Row:
+    """Return the row of a start: of a drive, or of the search; floors are driven forward only."""
+    searched = job.axes["variant"] == _SEARCH
+    if job.axes["start"] == _FLOOR and (searched or job.scenario.mission().reverse):
+        return job.row("completed", None, {}, None)
+    if searched:
+        return job.row("completed", None, search(job), None)
+    return run_job(job, measure)
+
+
+def measure(job: SweepJob, summary: Summary, record: Record) -> dict[str, float]:
+    """Return whether a drive comes home, its overshoot and its largest errors [m]."""
+    errors = tracking_errors(record)
+    cross = [errors.by_point[body].cross_m for body in _BODIES]
+    row = {
+        f"{body}_most": float(np.abs(own).max()) for body, own in zip(_BODIES, cross, strict=True)
     }
+    home = summary.status == "completed" and max(abs(own[-1]) for own in cross) < _HOME_M
+    row["home"] = float(home)
+    if home and summary.entry is not None:
+        of_bodies = [getattr(summary.entry, body) for body in _BODIES]
+        row |= {
+            f"{body}_over": own.overshoot_m for body, own in zip(_BODIES, of_bodies, strict=True)
+        }
+        settled = [own.settled_m for own in of_bodies]
+        if None not in settled:
+            row["settled"] = max(settled)
+    return row
 
 
 def _share(values: FloatArray) -> str:
@@ -193,10 +211,25 @@ def _hitch(runs: pd.DataFrame) -> str:
     return f"{fold.max():.0f}, {(fold > math.degrees(_LIMIT)).sum()}"
 
 
+def _excess(runs: pd.DataFrame) -> pd.Series:
+    """Return by how much overshoots exceed the errors of the same drives on the line; lost: inf."""
+    keys = ["ground", "variant", "seed"]
+    most = [f"{body}_most" for body in _BODIES]
+    floor = runs[runs["start"] == _FLOOR].set_index(keys)[most]
+    own = runs[keys].join(floor, on=keys)
+    beyond = pd.DataFrame({body: runs[f"{body}_over"] - own[f"{body}_most"] for body in _BODIES})
+    return beyond.max(axis=1, skipna=False).where(runs["home"] == 1.0, math.inf)
+
+
 def _table(runs: pd.DataFrame) -> str:
+    """Return how many starts come home, and how well, by ground and controller."""
     keys = ["ground", "start", "seed"]
-    found = runs[runs["variant"] == "search"].set_index(keys)["home"].astype(float)
-    fails = ~runs["home"].astype(bool) | (runs["extremes.fold_rad"] > _LIMIT)
+    over = runs[[f"{body}_over" for body in _BODIES]].max(axis=1)
+    runs = runs.assign(over=over, home=runs["home"].fillna(0.0))
+    runs = runs.assign(excess=_excess(runs))
+    runs = runs[runs["start"] != _FLOOR]
+    found = runs[runs["variant"] == _SEARCH].set_index(keys)["home"]
+    fails = (runs["home"] < 1.0) | (runs["extremes.fold_rad"] > _LIMIT)
     cells = {
         "ground": label("ground"),
         "controller": label("variant"),
@@ -213,15 +246,22 @@ def _table(runs: pd.DataFrame) -> str:
     return grouped(own, ["ground", "variant"], cells)
 
 
-STUDIES: Final = (
-    Study(
+TABLES: Final = (
+    Table(
         name="entry",
-        scenarios=("line-entry",),
-        axes={"ground": GROUNDS, "variant": CONTROLLERS, "start": tuple(_RANGES)},
-        seeds=_SEEDS,
-        overrides=(),
-        drive=enter,
-        table=_table,
+        studies={
+            f"entry {seed}": study(
+                "line-entry",
+                (seed,),
+                (),
+                variants("ground", GROUNDS),
+                variants("variant", CONTROLLERS),
+                variants("start", starts(seed)),
+            )
+            for seed in _SEEDS
+        },
+        work=enter,
+        text=_table,
         checks=(("line-entry", "ttempc"),),
     ),
 )

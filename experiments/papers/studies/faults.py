@@ -1,9 +1,10 @@
 """Faults: what becomes of runs, and false alarms."""
 
-import math
+import json
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,14 +17,18 @@ from ttempc.detectors.interface import Alarm, Reaction
 from ....testbed.recording.channels import REFERENCE, STATE
 from ....testbed.recording.record import REACTION, Record, Recorder
 from ...results.statistics import proportion, rate
+from ...results.summary import Summary
 from ...results.tracking_errors import BODIES
 from ...run.assembly import assemble
 from ...run.simulate import drive_into
-from ...scenario.scenario import load, shipped
+from ...scenario.scenario import shipped
 from ...seeds import report_seeds
+from ...studies.sweep.row import Row
+from ...studies.sweep.study import Study, VariantAxis
+from ...studies.sweep.work import SweepJob, run_job
 from ...studies.trials.definition import trial, trial_files
-from ..study import Case, Row, Study
-from ..tables import Cell, grouped, groups, label, numbers
+from ..markdown import Cell, grouped, groups, label, numbers
+from ..table import Table, listed, study, variants
 
 START_S: Final = 25.0
 """Start of a fault [s]: the tractor enters the first circle of the figure eight."""
@@ -31,13 +36,14 @@ START_S: Final = 25.0
 CASES: Final[dict[str, dict[str, Any]]] = tomllib.loads(
     Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
 )
-CONTROLLERS: Final = ("ttempc", "pid", "nmpc-rti")
+DRIVER: Final = "ttempc"
+RIVALS: Final = ("pid", "nmpc-rti")
 SEEDS: Final = report_seeds(8)
 RESOLUTIONS_DEG: Final = (0.0, 0.01, 0.1, 0.25)
 """Resolutions of the angle sensors; the drives of their faults take turns."""
 
 _OTHERS: Final = 6  # seeds of faults of no angle sensor
-_RIVALS: Final = 4  # seeds of a rival, which drives no faults of sensors: detectors are the same
+_OF_RIVALS: Final = 4  # seeds of a rival, which drives no faults of sensors: detectors are the same
 _OF_SENSORS: Final = ("gnss", "antennas", "angle", "gyro", "encoder", "samples", "stamps")
 _RESULTS: Final = ("carried on", "degraded", "stopped", "lost")
 _STANDS: Final = 0.05  # [m/s]
@@ -55,7 +61,9 @@ def changes(fault: str, start_s: float = START_S) -> tuple[str, ...]:
 
 def off_the_path(record: Record, start_s: float) -> float:
     """Return the largest distance of both axle points from their paths while they move [m]."""
-    state, reference, worst = record[STATE], record[REFERENCE], 0.0
+    state = record[STATE]
+    reference = record[REFERENCE]
+    worst = 0.0
     rows = (state.time_s >= start_s) & (np.abs(state["v_mps"]) > _STANDS)
     for body in BODIES.values():
         path, places = (
@@ -67,46 +75,57 @@ def off_the_path(record: Record, start_s: float) -> float:
     return worst
 
 
-def outcome(case: Case) -> Row:
-    """Drive to the end of the run.
+def outcome(job: SweepJob, summary: Summary, record: Record) -> dict[str, str | float]:
+    """Return what became of a run with a fault.
 
     Returns:
-        `result`, time from the start of the fault to the first reaction [s] (NaN: none), and the
+        `result`, time from the start of the fault to the first reaction [s] (absent: none), and the
         largest distance from the path from its start on [m], see `off_the_path`.
     """
-    scenario = load(case.scenario, case.overrides)[1]
-    assembly, recorder = assemble(scenario, case.seed), Recorder()
-    start_s = scenario.faults[0].start_s or 0.0
-    ended = drive_into(recorder, assembly, prepared=False)
-    record = recorder.record()
-    begun = (item.time_s for item in record.events if item.text.startswith(REACTION))
-    noticed_s = next((time_s for time_s in begun if time_s >= start_s - 2.0), math.nan) - start_s
-    held = "carried on" if math.isnan(noticed_s) else "degraded"
-    return {
-        "result": held if ended.status == "completed" else ended.status,
-        "noticed_s": np.maximum(0.0, noticed_s),
-        "worst_m": off_the_path(record, start_s),
-    }
+    start_s = job.scenario.faults[0].start_s or 0.0
+    reactions = (item.time_s for item in record.events if item.text.startswith(REACTION))
+    first_s = next((time_s for time_s in reactions if time_s >= start_s - 2.0), None)
+    result: str = summary.status
+    if summary.status == "completed":
+        result = "carried on" if first_s is None else "degraded"
+    row: dict[str, str | float] = {"result": result, "worst_m": off_the_path(record, start_s)}
+    if first_s is not None:
+        row["noticed_s"] = max(0.0, first_s - start_s)
+    return row
 
 
-def fault_cases() -> list[Case]:
-    """Return the drives: `ttempc` with all faults, rivals with those of no sensor."""
-    cases = []
-    for fault, table in CASES.items():
-        angle, sensor = (table["kind"].startswith(kinds) for kinds in ("angle", _OF_SENSORS))
-        for controller in CONTROLLERS[:1] if sensor else CONTROLLERS:
-            seeds = SEEDS[: _RIVALS if controller != CONTROLLERS[0] else None if angle else _OTHERS]
-            for n, seed in enumerate(seeds):
-                own = [*changes(fault), f'controller.name="{controller}"']
-                if angle:
-                    own.append(f"sensors.angle_resolution_deg={RESOLUTIONS_DEG[n % 4]}")
-                labels = {"controller": controller, "fault": fault}
-                cases.append(Case("grass", seed, tuple(own), labels))
-    return cases
+def _variants(kinds: Iterable[str]) -> VariantAxis:
+    return variants("fault", {fault: changes(fault) for fault in kinds})
+
+
+def fault_studies() -> dict[str, Study]:
+    """Return the studies: `ttempc` with all faults, rivals with faults of no sensor.
+
+    The resolutions of the angle sensors take turns over the seeds of their faults.
+    """
+    kinds = {fault: table["kind"] for fault, table in CASES.items()}
+    angles = [fault for fault, kind in kinds.items() if kind.startswith("angle")]
+    sensors = [fault for fault, kind in kinds.items() if kind.startswith(_OF_SENSORS)]
+    sensors = [fault for fault in sensors if fault not in angles]
+    others = [fault for fault in CASES if fault not in (*angles, *sensors)]
+
+    studies = {}
+    for k, resolution in enumerate(RESOLUTIONS_DEG):
+        own = (f"sensors.angle_resolution_deg={resolution}",)
+        seeds = SEEDS[k :: len(RESOLUTIONS_DEG)]
+        studies[f"angles {resolution}"] = study("grass", seeds, own, _variants(angles))
+    studies["sensors"] = study("grass", SEEDS[:_OTHERS], (), _variants(sensors))
+    studies["others"] = study("grass", SEEDS[:_OTHERS], (), _variants(others))
+    rivals = listed("controller", *RIVALS)
+    studies["rivals"] = study("grass", SEEDS[:_OF_RIVALS], (), _variants(others), rivals)
+    return studies
 
 
 def fault_tables(runs: pd.DataFrame) -> str:
-    """Return a table of outcomes for each controller."""
+    """Return a table of outcomes for each controller, its faults in the order of the file."""
+    order = {fault: number for number, fault in enumerate(CASES)}
+    runs = runs.assign(order=runs["fault"].map(order)).sort_values("order", kind="stable")
+    runs = pd.concat([runs[runs["controller"] == name] for name in (DRIVER, *RIVALS)])
     parts = []
     for own in groups(runs, ["controller"]):
         cells = {"fault": label("fault"), **{name: _share(name) for name in _RESULTS}}
@@ -155,14 +174,16 @@ def fields() -> dict[str, str]:
     }
 
 
-def alarms(case: Case) -> Row:
-    """Return the hours driven, and the alarms that began by detector.
+def alarms(job: SweepJob) -> Row:
+    """Drive a run and return the hours driven, and the alarms that began, by kind and detector.
 
     `reported`: the vehicle went on; `acted`: it slowed down, stopped or did without a sensor;
     `slipping`: an alarm of slip while the wheels truly slipped; `checked`: a stop to look at GNSS.
     """
-    assembly, recorder = assemble(load(case.scenario)[1], case.seed), Recorder()
-    guidance, period_s = assembly.guidance, assembly.guidance.period_s
+    assembly = assemble(job.scenario, job.seed)
+    recorder = Recorder()
+    guidance = assembly.guidance
+    period_s = guidance.period_s
     begun: list[tuple[float, Alarm]] = []
     standing: set[str] = set()
 
@@ -172,20 +193,29 @@ def alarms(case: Case) -> Row:
         standing = {one.detector for one in guidance.alarms}
 
     ended = drive_into(recorder, assembly, on_tick=observe, prepared=False)
-    state = recorder.record()[STATE]
-    counts: dict[str, Counter[str]] = {name: Counter() for name in _KINDS}
+    record = recorder.record()
+    counts = {name: Counter[str]() for name in _KINDS}
     for time_s, alarm in begun:
-        acted = alarm.reaction is not Reaction.WARN or bool(alarm.unused)
-        kind = "checked" if alarm.detector == "drift" else "acted" if acted else "reported"
-        if alarm.detector in ("wheels", "motion"):
-            span = (state.time_s > time_s - _SPAN_S) & (state.time_s <= time_s)
-            slip = 1.0 - state["v_mps"][span].mean() / state["v_rim_mps"][span].mean()
-            kind = "slipping" if slip > _SLIPS else kind
-        counts[kind][alarm.detector] += 1
+        counts[_kind(alarm, time_s, record)][alarm.detector] += 1
     counts["acted"].update(
         one.detector for one in guidance.alarms if "GNSS drifts by" in one.reason
     )
-    return {"hours": ended.duration_s / 3600.0, **{kind: {**n} for kind, n in counts.items()}}
+    texts = {kind: json.dumps(of_kind) for kind, of_kind in counts.items()}
+    row = job.row(ended.status, ended.failure, {"hours": ended.duration_s / 3600.0}, None)
+    return {**row, **texts}
+
+
+def _kind(alarm: Alarm, time_s: float, record: Record) -> str:
+    """Return the kind of an alarm that began at a time, one of `_KINDS`."""
+    if alarm.detector in ("wheels", "motion"):
+        state = record[STATE]
+        span = (state.time_s > time_s - _SPAN_S) & (state.time_s <= time_s)
+        if 1.0 - state["v_mps"][span].mean() / state["v_rim_mps"][span].mean() > _SLIPS:
+            return "slipping"
+    if alarm.detector == "drift":
+        return "checked"
+    acted = alarm.reaction is not Reaction.WARN or bool(alarm.unused)
+    return "acted" if acted else "reported"
 
 
 _KINDS: Final = {
@@ -196,24 +226,23 @@ _KINDS: Final = {
 }
 
 
-def alarm_cases(seeds: Sequence[int]) -> list[Case]:
-    """Return the drives; no two share a seed, so that all of them are independent."""
+def alarm_studies(seeds: Sequence[int]) -> dict[str, Study]:
+    """Return the drives of each field; no two share a seed, so that all of them are independent."""
     drives = len(seeds) // len(fields())
-    return [
-        Case(scenario, seeds[n * drives + k], labels={"field": label})
+    return {
+        label: study(scenario, seeds[n * drives : (n + 1) * drives])
         for n, (label, scenario) in enumerate(fields().items())
-        for k in range(drives)
-    ]
+    }
 
 
 def alarm_table(runs: pd.DataFrame) -> str:
     """Return the alarms of every field, and the rates of false ones in ten hours."""
-    cells = {"field": label("field"), "hours": lambda own: f"{own['hours'].sum():.2f}"}
+    cells = {"field": label("study"), "hours": lambda own: f"{own['hours'].sum():.2f}"}
     for kind, head in _KINDS.items():
         cells[head] = lambda own, kind=kind: (
             ", ".join(f"{name}: {n}" for name, n in sorted(_total(own[kind]).items())) or "-"
         )
-    lines = [grouped(runs, ["field"], cells)]
+    lines = [grouped(runs, ["study"], cells)]
     hours = float(numbers(runs, "hours").sum())
     counts = {head: _total(runs[kind]).total() for kind, head in [*_KINDS.items()][:2]}
     for what, count in {**counts, "of both kinds": sum(counts.values())}.items():
@@ -226,22 +255,27 @@ def alarm_table(runs: pd.DataFrame) -> str:
     return "\n\n".join(lines)
 
 
-def _total(counts: Iterable[dict[str, int]]) -> Counter[str]:
-    return sum((Counter(one) for one in counts), Counter[str]())
+def _total(texts: Iterable[str]) -> Counter[str]:
+    """Return the sum of the counts by detector of several rows."""
+    return sum((Counter(json.loads(text)) for text in texts), Counter[str]())
 
 
 _STUCK: Final = changes("front steering stuck", 5.0)  # within the time of a regression check
+_ALARM_SEEDS: Final = report_seeds(_DRIVES * len(fields()))
 
-FAULTS: Final = Study(
-    name="faults",
-    seeds=SEEDS,
-    make=lambda runner: fault_tables(runner.frame(fault_cases(), outcome)),
-    checks=tuple(("grass", name, *own) for name in CONTROLLERS for own in ((), _STUCK)),
+TABLES: Final = (
+    Table(
+        name="faults",
+        studies=fault_studies(),
+        work=partial(run_job, measure=outcome),
+        text=fault_tables,
+        checks=tuple(("grass", name, *own) for name in (DRIVER, *RIVALS) for own in ((), _STUCK)),
+    ),
+    Table(
+        name="false-alarms",
+        studies=alarm_studies(_ALARM_SEEDS),
+        work=alarms,
+        text=alarm_table,
+        checks=tuple((name, "ttempc") for name in shipped()),
+    ),
 )
-FALSE_ALARMS: Final = Study(
-    name="false-alarms",
-    seeds=report_seeds(_DRIVES * len(fields())),
-    make=lambda runner: alarm_table(runner.frame(alarm_cases(FALSE_ALARMS.seeds), alarms)),
-    checks=tuple((name, "ttempc") for name in shipped()),
-)
-STUDIES: Final = (FAULTS, FALSE_ALARMS)

@@ -14,10 +14,11 @@ from ...logs.replay import estimator_of, replay
 from ...results.consistency import consistency
 from ...run.simulate import simulate
 from ...scenario.path import FigureEight
-from ...scenario.scenario import load, shipped
+from ...scenario.scenario import shipped
 from ...seeds import report_seeds
-from ..study import Case, Row, Study
-from ..tables import (
+from ...studies.sweep.row import Row
+from ...studies.sweep.work import SweepJob
+from ..markdown import (
     COLUMNS,
     ERRORS,
     PUBLISHED_M,
@@ -31,6 +32,7 @@ from ..tables import (
     mean_errors,
     numbers,
 )
+from ..table import Table, listed, study, variants
 
 
 def _options(**options: object) -> tuple[str, ...]:
@@ -94,7 +96,8 @@ def published_errors(runs: pd.DataFrame) -> str:
     lines = []
     told: set[str] = set()
     for own in groups(runs, ["law"]):
-        name, errors = own["law"].iloc[0], 100.0 * numbers(own, *ERRORS)
+        name = own["law"].iloc[0]
+        errors = 100.0 * numbers(own, *ERRORS)
         kind = name.partition(",")[0]
         if kind in PUBLISHED and kind not in told:
             cells = (f"{100.0 * m:.2f}" for m in PUBLISHED[kind])
@@ -111,82 +114,111 @@ def _ratio(errors: FloatArray) -> str:
     return ", ".join(f"{ratio:.2f}" for ratio in errors[2:] / errors[:2])
 
 
-def consistent(case: Case) -> Row:
+_STATES: Final = tuple(state.name.lower() for state in State)
+_NUMBERS: Final = (
+    *_STATES,
+    "NIS",
+    "autocorrelation",
+    "estimated tractor",
+    "estimated trailer, cm",
+)
+
+
+def consistent(job: SweepJob) -> Row:
     """Return the normalised errors of the default estimator, replayed from the record of a lap."""
-    name, scenario = load(case.scenario, case.overrides)
+    scenario = job.scenario
     if isinstance(scenario.path, FigureEight):
         scenario = replace(scenario, path=replace(scenario.path, laps=1))
-    _, record = simulate(name, scenario, case.seed)
+    summary, record = simulate(job.name, scenario, job.seed)
     found = consistency(replay(record, estimator_of(scenario)), record)
     gnss = [item.autocorrelation for item in found.sensors if item.name.startswith("gnss")]
-    return {
-        **{state.name.lower(): item.nees for state, item in zip(State, found.states, strict=True)},
+    errors = {name: item.nees for name, item in zip(_STATES, found.states, strict=True)}
+    others = {
         "NIS": found.nis,
         "autocorrelation": float(np.mean(gnss)),
         "estimated tractor": 100.0 * found.tractor_m,
         "estimated trailer, cm": 100.0 * found.trailer_m,
     }
+    return job.row(summary.status, summary.failure, {**errors, **others}, None)
 
 
 def consistency_table(runs: pd.DataFrame) -> str:
     """Return the mean normalised estimation error squared of each state, then of innovations."""
-    heads = [name for name in runs.columns if name not in ("scenario", "seed")]
-    cells = {name: mean(name, factor=1.0) for name in heads}
+    cells = {name: mean(name, factor=1.0) for name in _NUMBERS}
     return grouped(runs, ["scenario"], {"scenario": label("scenario", "`{}`"), **cells})
 
 
-STUDIES: Final = (
-    Study(
-        name="ablation",
-        scenarios=("grass", "wet-slope"),
-        axes={"parts": PARTS},
-        seeds=report_seeds(5),
-        table=lambda runs: grouped(
-            runs,
-            ["scenario", "parts"],
-            {
-                "scenario": label("scenario", "`{}`"),
-                "parts": label("parts"),
-                "tractor, p95": mean("tracking.all.tractor.cross_p95_m"),
-                "trailer, p95": mean("tracking.all.trailer.cross_p95_m"),
-                "steering rate, deg/s": mean(
-                    "inputs.delta_t.rms_rate", form=".1f", factor=math.degrees(1.0)
-                ),
-                "lost": lost,
-            },
+def ablation_table(runs: pd.DataFrame) -> str:
+    """Return errors and steering rate of each part of `ttempc`."""
+    cells = {
+        "scenario": label("scenario", "`{}`"),
+        "parts": label("parts"),
+        "tractor, p95": mean("tracking.all.tractor.cross_p95_m"),
+        "trailer, p95": mean("tracking.all.trailer.cross_p95_m"),
+        "steering rate, deg/s": mean(
+            "inputs.delta_t.rms_rate", form=".1f", factor=math.degrees(1.0)
         ),
+        "lost": lost,
+    }
+    return grouped(runs, ["scenario", "parts"], cells)
+
+
+def errata_table(runs: pd.DataFrame) -> str:
+    """Return the errors of each reading of the paper."""
+    cells = {"reading": label("reading"), **mean_errors(".1f"), "lost": lost}
+    return grouped(runs, ["reading"], cells)
+
+
+_LAP: Final = ("path.laps=1",)
+
+TABLES: Final = (
+    Table(
+        name="ablation",
+        studies={
+            "ablation": study(
+                "grass",
+                report_seeds(5),
+                _LAP,
+                listed("scenario", "grass", "wet-slope"),
+                variants("parts", PARTS),
+            )
+        },
+        text=ablation_table,
         checks=(
-            *((name, "ttempc") for name in ("grass", "wet-slope")),
+            ("grass", "ttempc"),
+            ("wet-slope", "ttempc"),
             ("grass", "ttempc-nominal"),
             ("grass", "feedforward"),
         ),
     ),
-    Study(
+    Table(
         name="errata",
-        scenarios=("pavement",),
-        overrides=("path.laps=1", *_named("paper")),
-        axes={"reading": READINGS},
-        seeds=report_seeds(2),
-        table=lambda runs: grouped(
-            runs, ["reading"], {"reading": label("reading"), **mean_errors(".1f"), "lost": lost}
-        ),
+        studies={
+            "errata": study(
+                "pavement",
+                report_seeds(2),
+                (*_LAP, *_named("paper")),
+                variants("reading", READINGS),
+            )
+        },
+        text=errata_table,
         checks=(("pavement", "paper"), ("pavement", "paper-printed-sign")),
     ),
-    Study(
+    Table(
         name="kayacan2016",
-        scenarios=("kayacan2016",),
-        axes={"law": LAWS},
-        seeds=report_seeds(5),
-        table=published_errors,
-        checks=tuple(("kayacan2016", name) for name in ("paper", "nmpc-path")),
+        studies={
+            "kayacan2016": study("kayacan2016", report_seeds(5), (), variants("law", LAWS)),
+        },
+        text=published_errors,
+        checks=(("kayacan2016", "paper"), ("kayacan2016", "nmpc-path")),
     ),
-    Study(
+    Table(
         name="consistency",
-        scenarios=tuple(shipped()),
-        overrides=(),
-        seeds=report_seeds(2),
-        drive=consistent,
-        table=consistency_table,
+        studies={
+            "consistency": study("grass", report_seeds(2), (), listed("scenario", *shipped())),
+        },
+        work=consistent,
+        text=consistency_table,
         checks=tuple((name, "ttempc") for name in shipped()),
     ),
 )

@@ -36,9 +36,9 @@ from ...studies.trials.score_card import (
     public_draws,
     read_score_card,
 )
+from ..markdown import markdown
 from ..runner import Runner
-from ..study import Block, Study
-from ..tables import markdown
+from ..table import Block, Table
 
 CARDS: Final = "cards"
 """Folder of the score cards, among the kept rows: those made here, and those that others sent."""
@@ -125,7 +125,8 @@ def make_power(runner: Runner) -> Block:
     """Return what the trials tell apart, and the verdicts of two sets of seeds."""
     sets = {seeds: _serious(runner, seeds) for seeds in (PUBLIC, tuple(CHECKS))}
     first, second = sets.values()
-    numbers, shares = pair_numbers(first), variance_shares(first)
+    numbers = pair_numbers(first)
+    shares = variance_shares(first)
     lines = [
         (
             name,
@@ -228,10 +229,12 @@ def _beside(first: ScoreCard, other: ScoreCard) -> str:
 
 def leaderboard(cards: Sequence[ScoreCard]) -> str:
     """Return the cards of one identifier as Markdown tables, the least cost first."""
-    first, ordered = cards[0], sorted(cards, key=lambda card: card.score.cost_m.value)
+    first = cards[0]
+    ordered = sorted(cards, key=lambda card: card.score.cost_m.value)
     names = [*trial_files()]
     holds = rank_shares(ordered)
-    lines, by_trial = [], []
+    lines = []
+    by_trial = []
     for card, held in zip(ordered, holds, strict=True):
         item = card.score
         outside = [t.outside for t in item.trials.values() if t.outside is not None]
@@ -292,8 +295,8 @@ def rank_shares(ordered: Sequence[ScoreCard]) -> FloatArray:
     return (found.argsort(axis=0).argsort(axis=0) == np.arange(len(ordered))[:, None]).mean(axis=1)
 
 
-STUDIES: Final = (
-    Study(
+TABLES: Final = (
+    Table(
         name="field-trials",
         make=make,
         seeds=PUBLIC,
@@ -305,8 +308,8 @@ STUDIES: Final = (
             *(("grass", *words) for words in SHIPPED),
         ),
     ),
-    Study(name="trial-power", make=make_power, seeds=(*PUBLIC, *CHECKS), checks=()),
-    Study(
+    Table(name="trial-power", make=make_power, seeds=(*PUBLIC, *CHECKS), checks=()),
+    Table(
         name="headline",
         make=lambda runner: headline(
             [_driven(runner, Entrant.of(name, ()), PUBLIC) for name in HEADLINE]

@@ -1,36 +1,33 @@
 """Controllers with receivers as recorded under an open sky and at the edge of a wood."""
 
-import pandas as pd
+from typing import Final
 
 from ....testbed.sensing.receivers import PLACES
-from ..study import Study
-from ..tables import grouped, label, lost, mean
+from ..markdown import grouped, label, lost, mean
+from ..table import Table, listed, study
 
-_CONTROLLERS = ("ttempc", "pid", "lqr", "nmpc-rti")
+_RECEIVERS: Final = "sensors.gnss_error"
+_CELLS: Final = {
+    "receivers": label(_RECEIVERS, "`{}`"),
+    "controller": label("controller", "`{}`"),
+    "trailer, p95 [cm]": mean("tracking.all.trailer.cross_p95_m"),
+    "tractor, p95 [cm]": mean("tracking.all.tractor.cross_p95_m"),
+    "lost": lost,
+}
 
-
-def _table(frame: pd.DataFrame) -> str:
-    """Return the mean over seeds of the 95th percentile of the cross-track errors [cm]."""
-    cells = {
-        "receivers": label("receivers", "`{}`"),
-        "controller": label("driver", "`{}`"),
-        "trailer, p95 [cm]": mean("tracking.all.trailer.cross_p95_m"),
-        "tractor, p95 [cm]": mean("tracking.all.tractor.cross_p95_m"),
-        "lost": lost,
-    }
-    return grouped(frame, ["receivers", "driver"], cells)
-
-
-STUDIES = (
-    Study(
+TABLES: Final = (
+    Table(
         name="receivers",
-        table=_table,
-        scenarios=("grass-field",),
-        axes={
-            "receivers": {place: (f'sensors.gnss_error="{place}"',) for place in PLACES[:2]},
-            "driver": {name: (f'controller.name="{name}"',) for name in _CONTROLLERS},
+        studies={
+            "receivers": study(
+                "grass-field",
+                range(921, 941),
+                ("path.laps=1",),
+                listed(_RECEIVERS, *PLACES[:2]),
+                listed("controller", "ttempc", "pid", "lqr", "nmpc-rti"),
+            )
         },
-        seeds=tuple(range(921, 941)),
+        text=lambda runs: grouped(runs, [_RECEIVERS, "controller"], _CELLS),
         checks=(("grass-field", "ttempc"),),
     ),
 )

@@ -2,20 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from ....testbed.recording.provenance import code_digest
 from ...results.statistics import mean, proportion
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario
 from ...seeds import report_seeds
 from ...studies.search.quantities import read_subject
 from ...studies.search.rays import RAYS, Report, search_rays
-from ...studies.sweep.engine import engine
+from ...studies.sweep.engine import Engine
 from ...studies.trials.score_card import MARGIN
+from ..markdown import markdown
 from ..runner import Runner
-from ..study import Study
-from ..tables import markdown
+from ..table import Table
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Hunt:
     """A search along rays with a controller on `grass`."""
 
     controller: str
-    words: tuple[str, ...]  # of `search`
+    words: tuple[str, ...]  # quantities, as the command `search` takes them
     limit_m: float | None  # of the trailer's 95 % cross-track error
     seed: int
     rays: int = RAYS
@@ -46,41 +48,43 @@ HUNTED: Final[dict[str, tuple[tuple[str, ...], float | None, tuple[str, ...]]]] 
 _SEVERITIES: Final = (0.25, 0.5, 0.75, 1.0)
 
 
-def hunt(task: Hunt, path: str = HEADLAND) -> Report:
-    """Return the report of a search in this process."""
+def hunt(task: Hunt, workers: Engine, folder: Path, path: str = HEADLAND) -> Report:
+    """Return the report of a search; its rows are kept in a folder."""
     settings = parse_overrides([path])
     merge_tables(settings, {"controller": {"name": task.controller}})
     subject = read_subject(read_scenario("grass"), "grass", settings, task.words)
-    with engine(workers=0) as here:
-        return search_rays(subject, here, task.seed, task.rays, task.limit_m)
+    return search_rays(subject, workers, task.seed, task.rays, task.limit_m, folder)
 
 
 def rays(runner: Runner) -> str:
     """Return the severities of failure by question."""
     (seed,) = report_seeds(1)
-    tasks = [
-        Hunt(name, words, limit, seed, RAYS // 2 if names is _TWO else RAYS)
-        for words, limit, names in HUNTED.values()
-        for name in names
-    ]
-    reports = iter(runner.map(hunt, tasks))
+    kept = runner.folder / code_digest()
     parts = []
-    for title, (words, limit, names) in HUNTED.items():
-        option = f" --limit {limit:g}" if limit else ""
-        parts.append(f"**{title}**: `{' '.join(words)}{option}`")
-        parts += ray_tables([next(reports) for _ in names])
+    with runner.engine() as workers:
+        for title, (words, limit, names) in HUNTED.items():
+            count = RAYS // 2 if names is _TWO else RAYS
+            tasks = (Hunt(name, words, limit, seed, count) for name in names)
+            reports = [
+                hunt(task, workers, kept / f"rays-{task.words[0]}-{task.controller}")
+                for task in tasks
+            ]
+            option = f" --limit {limit:g}" if limit else ""
+            parts.append(f"**{title}**: `{' '.join(words)}{option}`")
+            parts += ray_tables(reports)
     return "\n\n".join(parts)
 
 
 def ray_tables(reports: Sequence[Report]) -> list[str]:
-    """Return the table of shares of rays survived, and that of the least severe failures."""
+    """Return the table of shares of rays survived, and the table of the least severe failures."""
     found = np.array(
         [
             [1.0 if ray.fails is None else 0.5 * (ray.holds + ray.fails) for ray in own.rays]
             for own in reports
         ]
     )
-    lines, least = [], []
+    lines = []
+    least = []
     for report, own in zip(reports, found, strict=True):
         held = [proportion(report.survived(x), len(own)) for x in _SEVERITIES]
         gap = mean(own - found[0])
@@ -110,8 +114,8 @@ def ray_tables(reports: Sequence[Report]) -> list[str]:
     return tables
 
 
-STUDIES: Final = (
-    Study(
+TABLES: Final = (
+    Table(
         name="worst-cases",
         seeds=report_seeds(1),
         make=rays,

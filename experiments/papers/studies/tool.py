@@ -2,39 +2,39 @@
 
 from typing import Final
 
-from ..study import Study
-from ..tables import grouped, label, lost, mean
+from ..markdown import grouped, label, lost, mean
+from ..table import Table, study, variants
 
-_SEEDS: Final = tuple(range(9501, 9521))  # 21 to 40 were those of tuning
-
-CONTROLLERS: Final = {
+_SEEDS: Final = range(9501, 9521)  # 21 to 40 were those of tuning
+_SENSORS: Final = {"scenario's": (), "and IMUs": ("sensors.imu.on=true",)}
+_CONTROLLERS: Final = {
     **{
         f"`{name}`": (f'controller.name="{name}"',) for name in ("ttempc", "nmpc-rti", "lqr", "pid")
     },
     "`ttempc`, `guided = axle`": ('controller.options.guided="axle"',),
 }
+_CELLS: Final = {
+    "sensors": label("sensors", "{}"),
+    "controller": label("variant", "{}"),
+    "tool, p95": mean("tracking.all.tool.cross_p95_m"),
+    "trailer axle": mean("tracking.all.trailer.cross_p95_m"),
+    "tractor": mean("tracking.all.tractor.cross_p95_m"),
+    "lost": lost,
+}
 
-STUDIES: Final = (
-    Study(
+TABLES: Final = (
+    Table(
         name="tool",
-        scenarios=("cultivate",),
-        axes={
-            "sensors": {"scenario's": (), "and IMUs": ("sensors.imu.on=true",)},
-            "variant": CONTROLLERS,  # a row has a controller of its own
+        studies={
+            "tool": study(
+                "cultivate",
+                _SEEDS,
+                ("path.laps=1",),
+                variants("sensors", _SENSORS),
+                variants("variant", _CONTROLLERS),
+            )
         },
-        seeds=_SEEDS,
-        table=lambda runs: grouped(
-            runs,
-            ["sensors", "variant"],
-            {
-                "sensors": label("sensors", "{}"),
-                "controller": label("variant", "{}"),
-                "tool, p95": mean("tracking.all.tool.cross_p95_m"),
-                "trailer axle": mean("tracking.all.trailer.cross_p95_m"),
-                "tractor": mean("tracking.all.tractor.cross_p95_m"),
-                "lost": lost,
-            },
-        ),
+        text=lambda runs: grouped(runs, ["sensors", "variant"], _CELLS),
         checks=(("cultivate", "ttempc"),),
     ),
 )

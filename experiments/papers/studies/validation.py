@@ -4,41 +4,48 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+import pandas as pd
+
 from ...pictures.report.validation_report import figure_text, validation_report
-from ...scenario.scenario import load, shipped
-from ..runner import Runner
-from ..study import Study
-from ..tables import markdown
+from ...scenario.scenario import shipped
+from ...seeds import report_seeds
+from ...studies.sweep.row import Row
+from ...studies.sweep.work import SweepJob
+from ..markdown import markdown
+from ..table import Table, listed, study
 
 
-def validate(plant: tuple[str, str]) -> list[str]:
-    """Return the line of a scenario with its wheels; a failed check is no error."""
-    name, wheels = plant
-    scenario = load(name, [f'plant.wheels="{wheels}"'])[1]
+def validate(job: SweepJob) -> Row:
+    """Return the counts and the failed checks of a scenario's plant; a failed check is no error."""
     with tempfile.TemporaryDirectory() as parent:
-        found = validation_report(name, scenario, Path(parent) / "report")
+        found = validation_report(job.name, job.scenario, Path(parent) / "report")
     judged = [check for check in found.checks if check.passed is not None]
-    failed = "; ".join(
-        f"{check.name}: {figure_text(check)}, expected {check.expectation}"
-        for check in judged
-        if not check.passed
-    )
-    held = sum(bool(check.passed) for check in judged)
-    stem = name if wheels == "soil" else f"{name}-{wheels}"
-    return [f"`{stem}`", f"{held} of {len(judged)}", failed or "nothing"]
+    failed = [check for check in judged if not check.passed]
+    texts = (f"{each.name}: {figure_text(each)}, expected {each.expectation}" for each in failed)
+    held = f"{len(judged) - len(failed)} of {len(judged)}"
+    return {
+        **job.row("completed", None, {}, None),
+        "held": held,
+        "failed checks": "; ".join(texts) or "nothing",
+    }
 
 
-def validations(runner: Runner) -> str:
+def validations(rows: pd.DataFrame) -> str:
     """Return the failed checks of all plants."""
-    plants = [*((name, "soil") for name in shipped()), ("grass", "contact")]
+    name = "`" + rows["scenario"] + rows["study"].map({"card": "", "contact": "-contact"}) + "`"
     heads = ["scenario", "checks that hold", "failed checks"]
-    return markdown(heads, runner.map(validate, plants))
+    return markdown(heads, zip(name, rows["held"], rows["failed checks"], strict=True))
 
 
-STUDIES: Final = (
-    Study(
+TABLES: Final = (
+    Table(
         name="card",
-        make=validations,
+        studies={
+            "card": study("grass", report_seeds(1), (), listed("scenario", *shipped())),
+            "contact": study("grass", report_seeds(1), ("plant.wheels=contact",)),
+        },
+        work=validate,
+        text=validations,
         checks=tuple((name, "ttempc") for name in shipped()),
     ),
 )

@@ -10,10 +10,10 @@ from ttempc.types import FloatArray
 
 from ...results.statistics import proportion
 from ...seeds import FITTING, report_seeds
+from ...studies.sweep.study import Study
 from ...studies.tubes.calibration import calibrated_widths
-from ..runner import Runner
-from ..study import Case, Study
-from ..tables import Cell, grouped, groups, label, markdown, numbers, slash
+from ..markdown import Cell, grouped, groups, label, markdown, numbers, slash
+from ..table import Table, listed, study
 
 LAPS: Final = 200
 HALF_WIDTH_M: Final = 0.06  # of the corridor of `rows`, which has 0.10 m itself
@@ -53,14 +53,18 @@ def distances(runs: pd.DataFrame) -> FloatArray:
     return np.where(kept, found, np.inf)
 
 
-def corridor(runner: Runner) -> str:
-    """Return the laps outside +-6 cm with IMUs, by controller: same filter, sensors and speed."""
-    cases = [
-        Case("rows", seed, (*FULL_SPEED, *own, *means), {"driver": f"`{name}`{with_}"})
-        for with_, (laps, means) in MEANS.items()
-        for name, own in OWN_OPTIONS.items()
-        for seed in report_seeds(LAPS if name == "ttempc" and not means else laps)
-    ]
+def _corridor_studies() -> dict[str, Study]:
+    """Return the studies by the name of their controller: same filter, sensors and speed."""
+    studies = {}
+    for with_, (laps, means) in MEANS.items():
+        for name, own in OWN_OPTIONS.items():
+            seeds = report_seeds(LAPS if name == "ttempc" and not means else laps)
+            studies[f"`{name}`{with_}"] = study("rows", seeds, (*FULL_SPEED, *own, *means))
+    return studies
+
+
+def corridor(runs: pd.DataFrame) -> str:
+    """Return the laps outside +-6 cm with IMUs, by controller."""
 
     def point(n: int) -> Cell:
         def cell(own: pd.DataFrame) -> str:
@@ -70,13 +74,13 @@ def corridor(runner: Runner) -> str:
         return cell
 
     cells: dict[str, Cell] = {
-        "controller": label("driver"),
+        "controller": label("study"),
         "laps outside (95 % interval)": lambda own: share(distances(own) > HALF_WIDTH_M),
         "tractor: median, largest [cm]": point(0),
         "trailer: median, largest [cm]": point(1),
         "time [s]": lambda own: f"{np.median(own['duration_s']):.0f}",
     }
-    return grouped(runner.frame(cases), ["driver"], cells)
+    return grouped(runs, ["study"], cells)
 
 
 def share(points: NDArray[np.bool_]) -> str:
@@ -86,19 +90,12 @@ def share(points: NDArray[np.bool_]) -> str:
     return f"{found.count} of {found.total} ({low:.1f} to {high:.1f} %)"
 
 
-def coverage(runner: Runner) -> str:
+def coverage(runs: pd.DataFrame) -> str:
     """Return half widths that 40 laps of each field give, and how many fresh laps leave them."""
-    seeds = {"fitted": FITTING[:FITTED_LAPS], "fresh": report_seeds(FRESH_LAPS)}
-    cases = [
-        Case(field, seed, JUDGED, {"of": of})
-        for field in FIELDS
-        for of, own in seeds.items()
-        for seed in own
-    ]
     lines = []
-    for runs in groups(runner.frame(cases), ["scenario"]):
-        fitted, fresh = (distances(one) for one in groups(runs, ["of"]))
-        lines.append([f"`{runs['scenario'].iloc[0]}`", *coverage_cells(fitted, fresh)])
+    for own in groups(runs, ["scenario"]):
+        fitted, fresh = (distances(own[own["study"] == name]) for name in ("fitted", "fresh"))
+        lines.append([f"`{own['scenario'].iloc[0]}`", *coverage_cells(fitted, fresh)])
     return markdown(["field", *COVERAGE_HEADS], lines)
 
 
@@ -129,17 +126,21 @@ def coverage_cells(fitted: FloatArray, fresh: FloatArray) -> list[str]:
     ]
 
 
-STUDIES: Final = (
-    Study(
+TABLES: Final = (
+    Table(
         name="corridor",
-        seeds=report_seeds(LAPS),
-        make=corridor,
+        studies=_corridor_studies(),
+        text=corridor,
         checks=tuple(("rows", name) for name in OWN_OPTIONS),
     ),
-    Study(
+    Table(
         name="coverage",
+        studies={
+            "fitted": study("grass", FITTING[:FITTED_LAPS], JUDGED, listed("scenario", *FIELDS)),
+            "fresh": study("grass", report_seeds(FRESH_LAPS), JUDGED, listed("scenario", *FIELDS)),
+        },
         seeds=report_seeds(FRESH_LAPS),
-        make=coverage,
+        text=coverage,
         checks=tuple((name, "ttempc") for name in FIELDS),
     ),
 )

@@ -27,7 +27,7 @@ _EDITABLE: Final[dict[Any, Any]] = {
 }
 _NO_DATE: Final = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 _CM_PER_IN: Final = 2.54
-_PALETTE: Final = 256  # colours
+_PALETTE: Final = 256  # colours of an exported PNG
 
 
 def run_figures(record: Record) -> dict[str, Callable[[], Figure]]:

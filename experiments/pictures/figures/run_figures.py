@@ -21,7 +21,7 @@ from ....testbed.recording.channels import (
     TUBE,
     TYRES,
 )
-from ....testbed.recording.record import Record, Table, fault_spans
+from ....testbed.recording.record import LEARNT, Record, Table, fault_spans
 from ...results.summary import solver_statistics
 from ...results.tracking_errors import (
     BODIES,
@@ -57,7 +57,9 @@ LENGTH: Final = "length of the path [m] (hatched: not counted; shaded: curves)"
 
 _ZOOM_M: Final = 1.0  # half of the width of a close-up
 _ZOOM_IN: Final = 3.6  # its height
-_FLATTEST, _TALLEST = 0.3, 0.8  # height of the whole path over its width, for lines and squares
+# Height of the whole path over its width, for lines and squares.
+_FLATTEST = 0.3
+_TALLEST = 0.8
 _TEXT_IN: Final = 1.0  # height of all labels, titles and the legend
 
 INPUTS: Final = (  # field, label, factor from the field's unit to the label's
@@ -99,11 +101,18 @@ _BINS: Final = 40
 _FEWEST: Final = 10  # times of a histogram
 
 
+def driven_path(record: Record) -> FloatArray:
+    """Return the true path of the tractor point, (n, 2) [m]."""
+    return record[STATE].columns(*position_fields("tractor"))
+
+
 def path_figure(record: Record) -> Figure:
     """Return the driven paths and the reference."""
     figure = blank(1.0)
     width_in = figure.get_figwidth()
-    extent = np.ptp(record[REFERENCE].columns(*position_fields("tractor")), axis=0)
+    reference = record[REFERENCE].columns(*position_fields("tractor"))
+    drawn = reference if np.isfinite(reference).any() else driven_path(record)
+    extent = np.nanmax(drawn, axis=0) - np.nanmin(drawn, axis=0)
     shape = float(np.clip(extent[1] / max(extent[0], 1e-9), _FLATTEST, _TALLEST))
     figure.set_figheight(shape * width_in + _TEXT_IN)
     axes = figure.subplots()
@@ -173,6 +182,7 @@ def error_figure(record: Record) -> Figure:
     for axes, (body, error) in zip(rows, errors.by_point.items(), strict=True):
         shade_errors(axes, errors.time_s, errors)
         mark_faults(axes, fault_spans(record.events), float(errors.time_s[-1]))
+        _mark_learnt(axes, record)
         colour = BODY_COLOURS[body]
         axes.plot(errors.time_s, 100 * error.euclidean_m, color=colour, linewidth=1.0)
         dress(axes, "", f"{body} error [cm]")
@@ -182,6 +192,16 @@ def error_figure(record: Record) -> Figure:
     rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
     label_below(rows[-1], _TIME_OF_ERRORS)
     return figure
+
+
+def _mark_learnt(axes: Axes, record: Record) -> None:
+    """Mark the times at which a learnt model came to act, the first one with a word."""
+    times = [event.time_s for event in record.events if event.text.startswith(LEARNT)]
+    for time_s in times:
+        axes.axvline(time_s, color=GREY, linewidth=1.0, linestyle=":")
+    if times:
+        place = axes.get_xaxis_transform()  # time, and height as a share of the axes
+        axes.text(times[0], 0.02, " learnt", transform=place, color=GREY, va="bottom")
 
 
 def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
@@ -200,7 +220,8 @@ def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
 
 def cross_track_figure(record: Record) -> Figure:
     """Return the errors to the left of the reference over the tractor's arc length of it."""
-    errors, length_m = tracking_errors(record), path_length(record)
+    errors = tracking_errors(record)
+    length_m = path_length(record)
     figure, (axes,) = stacked(1, 2.6)
     shade_errors(axes, length_m, errors)
     for body, error in errors.by_point.items():
@@ -224,7 +245,8 @@ def corridor_figure(record: Record) -> Figure:
     table = record[CORRIDOR]
     points = [name for name in BODY_COLOURS if np.isfinite(table[f"{name}_m"]).any()]
     figure, rows = stacked(len(points), 1.8, share_y=True)
-    hatched, width = ~counted(record, table.time_s), table["half_width_m"]
+    hatched = ~counted(record, table.time_s)
+    width = table["half_width_m"]
     for axes, name in zip(rows, points, strict=True):
         shade(axes, table.time_s, hatched, hatch="////")
         _draw_offset(axes, table.time_s, table[f"{name}_m"], width, name, "corridor")
@@ -236,12 +258,14 @@ def corridor_figure(record: Record) -> Figure:
 def tube_figure(record: Record) -> Figure:
     """Return the cross-track deviation of both true axle points, and their margin in the tube."""
     contained = containment(record)
-    time_s, margin, width = contained.time_s, contained.margin, contained.half_width
+    time_s = contained.time_s
+    margin = contained.margin
+    width = contained.half_width
     figure, rows = stacked(3, 1.8)
     for axes in rows:
         shade(axes, time_s, contained.curved)
     for axes, (body, column) in zip(rows[:2], contained.ACROSS.items(), strict=True):
-        offset = -contained.deviation[:, column]  # to the left
+        offset = -contained.deviation[:, column]  # positive to the left of the path
         _draw_offset(axes, time_s, offset, width[:, column], body, "tube")
         dress(axes, "", "deviation from nominal\nstate, left positive [cm]")
     last = rows[-1]
@@ -321,7 +345,8 @@ def tyres_figure(record: Record) -> Figure:
 
     Lines are means over a second.
     """
-    table, errors = record[TYRES], tracking_errors(record)
+    table = record[TYRES]
+    errors = tracking_errors(record)
     starts = np.flatnonzero(np.diff(np.floor(table.time_s / _WINDOW_S), prepend=-1.0))
     counts = np.diff(np.append(starts, len(table)))
     time_s = np.add.reduceat(table.time_s, starts) / counts
@@ -372,7 +397,8 @@ def histogram(axes: Axes, cost_us: FloatArray, empty: str = "not recorded") -> N
         note(axes, 0.5, 0.5, text, ha="center", color=GREY)
         axes.set(xticks=[], yticks=[])
         return
-    low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
+    low = 0.9 * cost_us.min()
+    high = 1.1 * cost_us.max()
     axes.set_xscale("log")
     axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 100.0 * low else (1.0,)))

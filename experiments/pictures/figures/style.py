@@ -39,15 +39,15 @@ FAULT_SHADE: Final = "#F7D3C4"
 GRID: Final = "#DDDDDD"
 
 _FONT_PT: Final = 8.5
-_CHARACTERS_PER_IN: Final = 13.0  # of this font
+_CHARACTERS_PER_IN: Final = 13.0  # characters of the body font in an inch
 _HANDLE: Final = 4  # characters as wide as the line of a legend's entry and the spaces around it
-_BOLD_PER_IN: Final = 10.0  # of titles
+_BOLD_PER_IN: Final = 10.0  # characters of the bold font of titles in an inch
 _WIDTH_IN: Final[ContextVar[float | None]] = ContextVar("width of figures [in]", default=None)
 
 
 @contextmanager
 def figure_width(width_in: float | None) -> Iterator[None]:
-    """Draw the figures inside the block with a width [in]; None: that of the page."""
+    """Draw the figures inside the block with a width [in]; None: the page's width."""
     token = _WIDTH_IN.set(width_in)
     try:
         yield
@@ -81,7 +81,8 @@ def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
 
 def _characters(axes: Axes, per_in: float = _CHARACTERS_PER_IN) -> int:
     """Return the number of characters that fit beside each other on the axes, at least 12."""
-    place, share = axes.get_subplotspec(), 1.0
+    place = axes.get_subplotspec()
+    share = 1.0
     if place is not None:
         share = len(place.colspan) / place.get_gridspec().ncols
     return max(12, int(per_in * share * axes.figure.bbox.width / axes.figure.dpi))

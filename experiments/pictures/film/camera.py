@@ -10,7 +10,7 @@ from ttempc.types import FloatArray
 
 from .playback import Playback
 
-FIELD_OF_VIEW: Final = math.radians(42.0)  # vertical
+FIELD_OF_VIEW: Final = math.radians(42.0)  # vertical angle [rad]
 _MIN_CLEARANCE_M: Final = 0.6  # of the camera above the ground
 _UNIT_LENGTH_M: Final = 3.8  # of a vehicle from front to trailer axle for which `unit` is 1
 _Place = tuple[str, tuple[float, float, float]]
@@ -32,7 +32,8 @@ class FollowCamera:
 
     def __init__(self, playback: Playback, speed: float) -> None:
         motion = playback.motion
-        self._time_s, self._terrain = motion.time_s, playback.ground.terrain
+        self._time_s = motion.time_s
+        self._terrain = playback.ground.terrain
         step_s = float(np.median(np.diff(motion.time_s)))
         w, x, y, z = motion.quat[:, playback.body("tractor")].T
         yaw = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
@@ -45,7 +46,7 @@ class FollowCamera:
         axles = front[0], self._tractor[0], self._trailer[0]
         length = np.linalg.norm(axles[0] - axles[1]) + np.linalg.norm(axles[1] - axles[2])
         self.unit = float(length) / _UNIT_LENGTH_M
-        """Length of the vehicle over that of the paper's."""
+        """Length of the vehicle over the length of the paper's vehicle."""
 
     def middle(self, time_s: float) -> FloatArray:
         """Return the smoothed midpoint of both axle points, (3,) [m]."""
@@ -59,7 +60,8 @@ class FollowCamera:
         yaw = float(np.interp(time_s, self._time_s, self._yaw))
         ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
         axes = np.array([ahead, [-ahead[1], ahead[0], 0.0], [0.0, 0.0, 1.0]])
-        tractor, middle = self._at(self._tractor, time_s), self.middle(time_s)
+        tractor = self._at(self._tractor, time_s)
+        middle = self.middle(time_s)
         (eye_from, eye), (target_from, target) = _VIEWS[camera]
         origins = {"tractor": tractor, "middle": middle}
         x, y, z = origins[eye_from] + self.unit * np.array(eye) @ axes

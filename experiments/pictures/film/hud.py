@@ -27,7 +27,7 @@ from .playback import Ghost, Playback, newest_row
 
 _MARGIN: Final = 14.0
 _BOX: Final = 136.0  # height of the boxes in the band
-_LEAST_WIDTH: Final = 860.0  # of a frame
+_LEAST_WIDTH: Final = 860.0  # pixels; texts and boxes of a narrower frame are smaller
 _BARS_CM: Final = (5.0, 10.0, 20.0, 40.0, 80.0, 150.0, 300.0, 1000.0)  # ends of the error scale
 _INPUTS: Final = (  # field, label, factor to the unit shown, unit
     ("delta_t_rad", "front steering", math.degrees(1.0), "°"),
@@ -69,7 +69,8 @@ class Hud:
 
     def draw_onto(self, picture: Image.Image, time_s: float) -> None:
         """Draw the display of a time onto a frame, in place."""
-        (width, height), margin = self.size, _MARGIN * self.scale
+        width, height = self.size
+        margin = _MARGIN * self.scale
         spans = fault_spans(self.playback.record.events)
         acting = [span.name for span in spans if span.start_s <= time_s < span.end_s]
         boxes = [
@@ -102,7 +103,8 @@ class Hud:
 
     def _bars(self, time_s: float) -> OverlayBox:
         """Return the cross-track errors and the inputs as bars."""
-        box, errors = OverlayBox(392.0, _BOX, self.scale), self.playback.errors
+        box = OverlayBox(392.0, _BOX, self.scale)
+        errors = self.playback.errors
         row = newest_row(errors.time_s, time_s)
         lines: list[tuple[str, float, float, Rgb, str]] = []  # label, share, zero, colour, text
         for point, each in errors.by_point.items():
@@ -117,7 +119,8 @@ class Hud:
                 float(table[f"{field}_{part}"][row])
                 for part in ("min", "max", "command", "limited")
             )
-            share, zero = (sent - low) / (high - low), -low / (high - low)
+            share = (sent - low) / (high - low)
+            zero = -low / (high - low)
             colour = ALARM if limited else INK
             lines.append((label, share, zero, colour, f"{factor * sent:.1f}{unit}"))
         step = (_BOX - 10.0) / len(lines)

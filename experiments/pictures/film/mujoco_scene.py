@@ -30,9 +30,10 @@ _SUN: Final = (0.45, -0.45, -0.77)  # direction of light: from the north-west, a
 _SUN_AWAY_M: Final = 1.6  # distance of the light; farther away, shadow acne appears on the ground
 _STEP_M: Final = 0.25  # between the points of a line
 _POLE_M: Final = 2.6  # height, above the roof so that the top is always visible
-_SHADOW_MAP: Final = 2048  # pixels
-_SAMPLES: Final = 4  # of a pixel
-_EMISSION, _LIGHT = 1.5, 2.5  # of a line; with sky and sun on level ground
+_SHADOW_MAP: Final = 2048  # side of the shadow map [pixels]
+_SAMPLES: Final = 4  # samples of a pixel, against jagged edges
+_EMISSION = 1.5  # emission of a line on the ground
+_LIGHT = 2.5  # with sky and sun on level ground
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _GHOST_OPACITY: Final = 0.30
 _GHOST_NEAR_M: Final = 0.08
@@ -59,8 +60,10 @@ class MujocoScene:
         size: tuple[int, int],
         ghosts: Sequence[Ghost] = (),
     ) -> None:
-        self._playback, self.camera = playback, FollowCamera(playback, settings.speed)
-        self._ghosts, self._size = ghosts, size
+        self._playback = playback
+        self.camera = FollowCamera(playback, settings.speed)
+        self._ghosts = ghosts
+        self._size = size
         self._terrain = _drawn(playback.ground.terrain)
         self.model = model = self._compiled()
         self.data = mujoco.MjData(model)
@@ -73,7 +76,7 @@ class MujocoScene:
         self._row[self._bodies] = np.arange(len(self._bodies))
         self._moving = np.flatnonzero(np.isin(model.geom_bodyid, self._bodies))
         material = model.geom_matid[self._moving]
-        opaque = (material < 0) | (model.mat_rgba[material, 3] == 1.0)  # glass left out
+        opaque = (material < 0) | (model.mat_rgba[material, 3] == 1.0)  # without glass
         self._shell = self._moving[opaque & (model.geom_group[self._moving] < _HIDDEN_GROUP)]
         self._lugs = [model.geom(f"{wheel}_lugs").id for wheel in WHEELS]
         model.geom_matid[self._lugs] = -1  # no material: the colour shows the slip
@@ -92,7 +95,8 @@ class MujocoScene:
         poses = self._playback.poses(time_s)
         self.data.xpos[self._bodies], self.data.xquat[self._bodies] = poses
         places, turns = self._geom_poses(self._moving, poses)
-        self.data.geom_xpos[self._moving], self.data.geom_xmat[self._moving] = places, turns
+        self.data.geom_xpos[self._moving] = places
+        self.data.geom_xmat[self._moving] = turns
         slips = self._playback.slips(time_s)
         self.model.geom_rgba[self._lugs, :3] = [_unit(slip_colour(slip)) for slip in slips]
         middle = self.camera.middle(time_s)
@@ -127,7 +131,8 @@ class MujocoScene:
 
     def _dressed(self, spec: mujoco.MjSpec) -> mujoco.MjSpec:
         """Add ground and light of a film to a model."""
-        unit, visual = self.camera.unit, spec.visual
+        unit = self.camera.unit
+        visual = spec.visual
         ground = spec.texture("ground")
         ground.width, ground.height = _TEXTURE
         self._add_field(spec)
@@ -149,17 +154,23 @@ class MujocoScene:
         visual.quality.offsamples = _SAMPLES
         # Clipping planes, fog and shadow distance are multiples of the extent.
         spec.stat.extent = _EXTENT_M * unit
-        visual.map.znear, visual.map.zfar = 0.05, 60.0
-        visual.map.fogstart, visual.map.fogend = 12.0, 55.0
+        visual.map.znear = 0.05
+        visual.map.zfar = 60.0
+        visual.map.fogstart = 12.0
+        visual.map.fogend = 55.0
         visual.map.shadowclip = 1.0
         return spec
 
     def _add_field(self, spec: mujoco.MjSpec) -> None:
         """Replace the ground of the simulation by a coarser one, and a meadow around it."""
-        terrain, heights = self._terrain, self._terrain.heights
-        (x0, y0), (width, depth) = terrain.origin, terrain.size_m
-        middle, low = (x0 + 0.5 * width, y0 + 0.5 * depth), float(heights.min())
-        field, span = spec.hfield("ground"), max(float(np.ptp(heights)), 1e-6)
+        terrain = self._terrain
+        heights = self._terrain.heights
+        x0, y0 = terrain.origin
+        width, depth = terrain.size_m
+        middle = (x0 + 0.5 * width, y0 + 0.5 * depth)
+        low = float(heights.min())
+        field = spec.hfield("ground")
+        span = max(float(np.ptp(heights)), 1e-6)
         field.nrow, field.ncol = heights.shape
         field.size = [0.5 * width, 0.5 * depth, span, 0.01]
         field.userdata = ((heights - low) / span).ravel()
@@ -168,15 +179,17 @@ class MujocoScene:
         spec.worldbody.add_geom(
             name="meadow",
             type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=[0.0, 0.0, 1.0],  # without end
+            size=[0.0, 0.0, 1.0],  # MuJoCo draws a plane of size 0 without end
             pos=[*middle, low - _MEADOW_BELOW_M],
             material="meadow",
         )
 
     def _paint_ground(self) -> None:
         """Paint soil and relief into the texture of the field, and match the meadow."""
-        texture, ground = self.model.texture("ground"), self._playback.ground
-        columns, rows = texture.width[0], texture.height[0]
+        texture = self.model.texture("ground")
+        ground = self._playback.ground
+        columns = texture.width[0]
+        rows = texture.height[0]
         colours = ground_colours(ground.terrain, ground.cone_index, rows, columns)
         # the first row of a texture lies at the far side of a height field
         texture.data[:] = (255.0 * colours[::-1]).astype(np.uint8)
@@ -193,14 +206,16 @@ class MujocoScene:
 
     def _add_lines(self, time_s: float) -> None:
         """Add paths, and the poles on the references of both points."""
-        playback, unit = self._playback, self.camera.unit
+        playback = self._playback
+        unit = self.camera.unit
         self._add_line(playback.path, 0.12 * unit, 0.010, _lit(REFERENCE))
         driven = playback.driven(time_s, _STEP_M)
         for point, line, lift in zip(("tractor", "trailer"), driven, (0.014, 0.018), strict=True):
             self._add_line(line, 0.09 * unit, lift, _lit(POINTS[point]))
         for line in playback.predicted_paths(time_s):
             self._add_line(line, 0.12 * unit, 0.024, _lit(PLAN))
-        size, upright = [0.018 * unit, 0.5 * _POLE_M * unit, 0.0], np.eye(3).ravel()
+        size = [0.018 * unit, 0.5 * _POLE_M * unit, 0.0]
+        upright = np.eye(3).ravel()
         due = playback.positions(REFERENCE_ROWS, time_s)
         for point, (x, y) in zip(("tractor", "trailer"), due, strict=True):
             place = [x, y, float(self._terrain.height(x, y)) + size[1]]
@@ -251,7 +266,8 @@ class MujocoScene:
         shape = self._scene.geoms[self._scene.ngeom]
         mujoco.mjv_initGeom(shape, int(kind), size, place, turn, np.array(rgba, np.float32))
         shape.category = mujoco.mjtCatBit.mjCAT_DECOR
-        shape.emission, shape.specular = emission, 0.0
+        shape.emission = emission
+        shape.specular = 0.0
         self._scene.ngeom += 1
         return shape
 

@@ -25,12 +25,12 @@ from .settings import FilmSettings
 
 _MARGIN_M: Final = 3.0  # of ground around the path
 _TRAIL_STEP_M: Final = 0.25
-_LINE_M: Final = 0.14  # width of paths
+_LINE_M: Final = 0.14  # width of a drawn path [m]
 _SUPERSAMPLING: Final = 2  # pictures are drawn this much larger and then reduced
 _HEADLINE: Final = 0.1  # height of the display over that of the picture
 _BEYOND: Final = (84, 94, 58)  # colour of the ground beyond the field
 _PIXELS_PER_M: Final = 16.0  # of the picture of the ground, fewer where it is large
-_MOST_PIXELS: Final = 50_000_000  # of that picture
+_MOST_PIXELS: Final = 50_000_000  # pixels of the background, at most
 _SHAPES: Final = (  # of the vehicle, lower ones first: geom, colour
     ("bed", (88, 138, 96)),
     ("gearbox", (60, 62, 66)),
@@ -62,10 +62,12 @@ class PlanView:
         size: tuple[int, int],
         ghosts: Sequence[Ghost] = (),
     ) -> None:
-        self._playback, self._ghosts = playback, ghosts
+        self._playback = playback
+        self._ghosts = ghosts
         self._outlines = _outlines(playback)
         width, height = (_SUPERSAMPLING * side for side in size)
-        low, high = playback.path.min(axis=0) - _MARGIN_M, playback.path.max(axis=0) + _MARGIN_M
+        low = playback.path.min(axis=0) - _MARGIN_M
+        high = playback.path.max(axis=0) + _MARGIN_M
         free = np.array([width, (1.0 - _HEADLINE) * height])
         self._scale = scale = float((free / (high - low)).min())  # [pixels/m]
         west, north = 0.5 * (low + high) + np.array([-0.5, 0.5]) * free / scale
@@ -76,8 +78,10 @@ class PlanView:
 
     def picture(self, camera: str, time_s: float) -> NDArray[np.uint8]:
         """Return the picture of a time, (height, width, 3)."""
-        playback, image = self._playback, self._background.copy()
-        draw, colours = ImageDraw.Draw(image), (POINTS["tractor"], POINTS["trailer"])
+        playback = self._playback
+        image = self._background.copy()
+        draw = ImageDraw.Draw(image)
+        colours = (POINTS["tractor"], POINTS["trailer"])
         for points, colour in zip(playback.driven(time_s, _TRAIL_STEP_M), colours, strict=True):
             self._draw_line(draw, points, colour)
         for points in playback.predicted_paths(time_s):
@@ -105,7 +109,8 @@ class PlanView:
     def _polygons(self, poses: Poses) -> Iterator[tuple[_Outline, list[tuple[float, float]]]]:
         """Yield the outlines of a vehicle with bodies at these poses, and their pixels."""
         for part in self._outlines:
-            xyz, attitude = poses[0][part.body], poses[1][part.body]
+            xyz = poses[0][part.body]
+            attitude = poses[1][part.body]
             if part.wheel >= 0:
                 attitude = _without_roll(attitude)
             corners = rotation(attitude).apply(part.corners) + xyz
@@ -123,7 +128,8 @@ class PlanView:
         top = terrain.origin[1] + terrain.size_m[1] - self._corner[1]
         corners = (left, top, left + size[0] / self._scale, top + size[1] / self._scale)
         box = tuple(fine * side for side in corners)
-        extent, bilinear = Image.Transform.EXTENT, Image.Resampling.BILINEAR
+        extent = Image.Transform.EXTENT
+        bilinear = Image.Resampling.BILINEAR
         return image.transform(size, extent, box, bilinear, fillcolor=_BEYOND)
 
 

@@ -122,7 +122,8 @@ class Playback:
         from its axle point to the reference of that point. They keep the tilt that they have.
         """
         xyz, quat = self.poses(time_s)
-        placed, turned = xyz.copy(), quat.copy()
+        placed = xyz.copy()
+        turned = quat.copy()
         terrain = self.ground.terrain
         due = self.positions(REFERENCE, time_s)
         for (point, letter), (x, y) in zip(BODIES.items(), due, strict=True):
@@ -143,7 +144,7 @@ class Playback:
         return self.motion.body_names.index(name)
 
     def value(self, channel: Channel, field: str, time_s: float) -> float:
-        """Return a field of the newest row at a time; before the first row, that of the first."""
+        """Return a field of the newest row at a time; before the first row, of the first row."""
         table = self.record[channel]
         return float(table[field][newest_row(table.time_s, time_s)])
 
@@ -201,7 +202,8 @@ def read_playback(file: Path) -> Playback:
             f"{file}: is torn ({content.salvage}); first: ttempc log check {file} -o NEW.mcap"
         )
     record = record_of(content, (*_CHANNELS, TOOL))
-    motion, path = motion_of(content), lines_of(content, REFERENCE_PATH_TOPIC)
+    motion = motion_of(content)
+    path = lines_of(content, REFERENCE_PATH_TOPIC)
     empty = [channel.topic for channel in _CHANNELS if len(record[channel]) < 2]
     if empty or not path or len(motion.time_s) < 2:
         raise InvalidFilm(f"{file}: is too short for a picture: {', '.join(empty)}")
@@ -219,7 +221,7 @@ def read_playback(file: Path) -> Playback:
 
 @dataclass(frozen=True)
 class Ghost:
-    """A vehicle that is drawn translucent: that of another run, or on the reference."""
+    """A vehicle that is drawn translucent: of another run, or on the reference."""
 
     name: str
     colour: Rgb

@@ -71,7 +71,8 @@ class Film:
             NoGraphics: the camera needs OpenGL, which is unavailable.
         """
         run = read_playback(log)
-        times, bodies = settings.times(run.begin_s, run.end_s), run.motion.body_names
+        times = settings.times(run.begin_s, run.end_s)
+        bodies = run.motion.body_names
         others = [read_playback(Path(log)) for log in ghosts if log != REFERENCE_GHOST]
         for other in others:
             if missing := set(bodies) - set(other.motion.body_names):
@@ -112,7 +113,8 @@ class Film:
             InvalidFilm: the suffix or the folder is wrong, or the file cannot be written.
             MissingExtra: an .mp4 needs the extra `film`.
         """
-        moving, suffix = self.settings.at_s is None, file.suffix.lower()
+        moving = self.settings.at_s is None
+        suffix = file.suffix.lower()
         _check_writable(file, FILM_SUFFIXES if moving else STILL_SUFFIXES)
         if suffix == ".mp4":
             _check_codec()
@@ -174,11 +176,13 @@ def _encode(file: str, frames: Iterable[Picture], settings: FilmSettings) -> Non
         with av.open(file, "w", format="mp4", options={"movflags": "+faststart"}) as container:
             stream = container.add_stream(_CODEC, rate=FRAME_RATE)
             stream.width, stream.height = settings.pixels
-            stream.pix_fmt, stream.options = _PIXELS, dict(_RATE)
+            stream.pix_fmt = _PIXELS
+            stream.options = dict(_RATE)
             stream.time_base = _TICK
             for number, picture in enumerate(frames):
                 frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-                frame.pts, frame.time_base = number, _TICK
+                frame.pts = number
+                frame.time_base = _TICK
                 container.mux(stream.encode(frame))
             container.mux(stream.encode(None))
     except FFmpegError as error:

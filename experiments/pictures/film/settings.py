@@ -19,7 +19,7 @@ _SPEEDS: Final = (0.05, 100.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilmSettings:
-    """Settings of a picture or a film; times are those of the run.
+    """Settings of a picture or a film; times are simulated times of the run.
 
     Raises:
         InvalidFilm: a value is out of range. The message names the option and the range.
@@ -35,7 +35,9 @@ class FilmSettings:
     def __post_init__(self) -> None:
         if self.camera not in CAMERAS:
             raise InvalidFilm(f"--camera: got {self.camera!r}, allowed are {', '.join(CAMERAS)}")
-        (width, height), (low_w, low_h), (high_w, high_h) = self.pixels, MIN_SIZE, _MAX_SIZE
+        width, height = self.pixels
+        low_w, low_h = MIN_SIZE
+        high_w, high_h = _MAX_SIZE
         if width % 2 or height % 2 or not (low_w <= width <= high_w and low_h <= height <= high_h):
             raise InvalidFilm(
                 f"--size: got {width}x{height}, must be even and from {low_w}x{low_h} to "

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from ....testbed.recording.record import Record
+from ...results.mismatch import mismatch_rows
 from ...results.summary import Summary
 from ...results.table import COLUMNS, format_corridor, format_line
 from ...results.tracking_errors import START_UP_S
@@ -67,10 +68,8 @@ def render_run_report(
         start_up_s=START_UP_S,
         columns=list(_COLUMNS),
         errors=_errors(summary),
-        facts=[
-            *_facts(summary),
-            ("parameter mismatch", record.metadata.get("mismatch", "unknown")),
-        ],
+        facts=_facts(summary),
+        mismatch=mismatch_rows(record.metadata.get("mismatch", ""), summary.learnt),
         description=description,
         dated=_dated(record.metadata),
         files=[*([summary.log] if summary.log else []), *files],
@@ -106,7 +105,7 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
     facts = [("run", summary.run_id)]
     facts += [("versions", ", ".join(f"{name} {text}" for name, text in summary.versions.items()))]
     for name, form in _FACTS.items():
-        with contextlib.suppress(AttributeError, TypeError):  # of a None
+        with contextlib.suppress(AttributeError, TypeError):  # the summary has no such numbers
             facts.append((name, form.format(s=summary)))
     if summary.line:
         facts.append(("line as given", format_line(summary.line)))

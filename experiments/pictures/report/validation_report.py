@@ -22,7 +22,7 @@ from ..figures import png
 from ..figures.style import BLACK, BLUE, DPI, GREEN, PAGE_WIDTH_IN, RED, dress, legend
 from .html import Picture, environment
 
-_SEED: Final = 1  # of the terrain
+_SEED: Final = 1  # seed of the scenario's terrain
 _COLOURS: Final = (BLUE, RED, GREEN)
 _MAX_MARKERS: Final = 25  # lines with more points are drawn without markers
 

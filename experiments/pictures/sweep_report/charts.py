@@ -29,7 +29,7 @@ class Panel:
     """A chart of half a page's width."""
 
     title: str
-    draw: Callable[[Axes], None]  # onto empty axes
+    draw: Callable[[Axes], None]  # draws the chart onto empty axes
     series: tuple[str, ...] = ()  # names for the legend, in the order of `style.series`
 
     def figure(self) -> Figure:

@@ -65,8 +65,10 @@ class SweepReport:
 
 def make_report(sweep: Sweep) -> SweepReport:
     """Compute the content of a report."""
-    scales, against = sweep.scales, best(sweep)
-    table, paired = groups(sweep), differences(sweep, against)
+    scales = sweep.scales
+    against = best(sweep)
+    table = groups(sweep)
+    paired = differences(sweep, against)
     tables = {"controllers": _table("Controllers: means over the runs", table, _means(sweep))}
     if len(paired):
         title = f"Differences to {against}, run by run; below zero: better than {against}"

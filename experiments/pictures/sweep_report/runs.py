@@ -54,7 +54,7 @@ _UNITS: Final = {
 }
 _CAPITALS: Final = ("iso", "gnss", "imu")
 _BINS: Final = 6
-_MOST_VALUES: Final = 16  # more are binned
+_MOST_VALUES: Final = 16  # an axis with more values is binned
 _WIDE: Final = 12.0  # largest over smallest value from which an axis is logarithmic
 
 
@@ -83,7 +83,7 @@ class Sweep:
 
     name: str
     study: Study
-    origin: Mapping[str, Any]  # content of `versions.json`
+    origin: Mapping[str, Any]  # content of `versions.json` in the folder
     rows: pd.DataFrame
     scales: tuple[Scale, ...]
     controllers: tuple[str, ...]  # in the order of the plan
@@ -107,7 +107,7 @@ class Sweep:
 
     @property
     def units(self) -> str:
-        """Return what the independent units are called."""
+        """Name of the independent units."""
         return "seeds" if self.study.samples is None else "points"
 
 
@@ -179,7 +179,8 @@ def differences(sweep: Sweep, against: str) -> pd.DataFrame:
     both have an error; `difference`, their mean difference [cm]; `alone`, `other`: numbers of runs
     of which it alone failed, or the counterpart alone.
     """
-    rows, keys = sweep.rows, ["point", "seed"]
+    rows = sweep.rows
+    keys = ["point", "seed"]
     counterpart = rows[rows["controller"] == against][[*keys, "error_cm", "failed"]]
     pairs = rows[rows["controller"] != against].merge(counterpart, on=keys, suffixes=("", "_other"))
     pairs["error_cm"] -= pairs["error_cm_other"]
@@ -228,7 +229,7 @@ def _each(
 
 
 def _scales(study: Study, table: pd.DataFrame) -> Iterator[tuple[Scale, Any]]:
-    """Yield the axes of several values, not the controller, with the index of each run's, (n,)."""
+    """Yield each axis with more than one value, and every run's index on it, (n,)."""
     axes = [axis for axis in study.axis if "controller" not in axis.names]
     labels = [_label(axis.names[0]) for axis in axes]
     for axis, label in zip(axes, labels, strict=True):
@@ -279,7 +280,8 @@ def _origin(file: Path) -> dict[str, Any]:
 
 def _checked(file: Path, study: Study, planned: int) -> Iterator[Row]:
     """Yield the shown columns of the rows of a file, each row checked."""
-    names, known = dict.fromkeys(("run", *_TEXTS, *study.names, *_NUMBERS)), set()
+    names = dict.fromkeys(("run", *_TEXTS, *study.names, *_NUMBERS))
+    known = set()
     try:
         for row in rows(file):
             shown = {name: row[name] for name in names}
@@ -290,5 +292,6 @@ def _checked(file: Path, study: Study, planned: int) -> Iterator[Row]:
             known.add(row["run"])
             yield shown
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        line, reason = len(known) + 1, str(error).partition("\n")[0]
+        line = len(known) + 1
+        reason = str(error).partition("\n")[0]
         raise InvalidRows(f"{file}: line {line} is no row of this study: {reason}") from None

@@ -40,7 +40,7 @@ class Question:
     settings: dict[str, Any] = field(default_factory=dict)  # override keys of the scenario
 
     def scan_numbers(self) -> list[float]:
-        """Return the values of the scan; those of a named quantity are the indices of its names.
+        """Return the values of the scan; a named quantity has the indices of its names.
 
         Raises:
             InvalidStudy: the tolerance is below the step of the quantity.
@@ -86,7 +86,8 @@ def read_question(
     """
     parameter, _ = read_quantity(word)
     width = parameter.tolerance or (parameter.high - parameter.low) / 40.0
-    controller, name = draft.scenario(settings, "--set").controller.name, word.partition("=")[0]
+    controller = draft.scenario(settings, "--set").controller.name
+    name = word.partition("=")[0]
     question = Question(
         scenario, controller, name, parameter, width, limit_m, seeds, settings=settings
     )
@@ -118,7 +119,7 @@ class Limit:
     monotone: bool  # failure sets in once over the tested values
     holds_at: float | str | None
     fails_at: float | str | None
-    probes: tuple[Probe, ...]  # by increasing value
+    probes: tuple[Probe, ...]  # ordered by increasing value
 
     def __str__(self) -> str:
         question = self.question

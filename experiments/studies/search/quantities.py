@@ -63,7 +63,7 @@ class Parameter:
         return self.names[int(number)] if self.names else number
 
     def severity(self, position: float) -> float:
-        """Return the distance from the nominal value over that of the farther bound, 0 to 1."""
+        """Return the distance from the nominal value over the farther bound's, 0 to 1."""
         nominal = self.nominal_position
         distance = abs(self.position(self.number(position)) - nominal)
         return distance / max(nominal, 1.0 - nominal)
@@ -214,7 +214,8 @@ def _nominal(parameter: Parameter, scenario: Scenario, name: str) -> float:
     Raises:
         InvalidStudy: it is no number between the bounds.
     """
-    low, high = parameter.low, parameter.high
+    low = parameter.low
+    high = parameter.high
     value = scenario_value(scenario, parameter.keys[0], name)
     if value in parameter.names:
         value = parameter.names.index(str(value))
@@ -243,7 +244,8 @@ def read_quantity(word: str, more: tuple[str, ...] = ()) -> tuple[Parameter, boo
         )
     low_text, _, high_text = text.removesuffix(f":{_FREE}").partition(":")
     try:
-        low, high = float(low_text), float(high_text)
+        low = float(low_text)
+        high = float(high_text)
     except ValueError:
         low = high = math.nan
     if not (math.isfinite(high - low) and low < high):

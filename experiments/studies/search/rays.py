@@ -41,8 +41,8 @@ _POINTS: Final = ("tractor", "trailer", "tool")
 
 @dataclass(frozen=True)
 class Ray:
-    """What was found along a ray; severity is the share of the way from the nominal values to the
-    point where the first quantity meets its bound."""
+    """What was found along a ray; severity is the share of the distance from the
+    nominal values to the point where the first quantity meets its bound."""
 
     holds: float
     """Largest severity found to hold."""
@@ -58,7 +58,7 @@ class Ray:
 class Specification:
     """What a run must keep to: it completes, in the corridor, with an error below a limit."""
 
-    corridor_m: float  # half width
+    corridor_m: float  # half width of the corridor [m]
     limit_m: float | None = None  # on the 95 % cross-track error of the working point [m]
 
     @classmethod
@@ -90,11 +90,12 @@ def ends(space: Space, count: int, seed: int) -> FloatArray:
     """Return the far ends of rays (count, n), where a counted quantity meets its bound."""
     rng = generator(seed, "rays")
     found = qmc.LatinHypercube(len(space.parameters), rng=rng).random(count)
-    counted, nominal = space.counted > 0.0, space.nominal
-    way = np.where(counted, found - nominal, 0.0)
-    room = np.where(way > 0.0, 1.0 - nominal, nominal)
-    share = np.abs(way) / np.where(counted, room, 1.0)
-    return np.where(counted, nominal + way / share.max(axis=1, keepdims=True), found)
+    counted = space.counted > 0.0
+    nominal = space.nominal
+    change = np.where(counted, found - nominal, 0.0)
+    room = np.where(change > 0.0, 1.0 - nominal, nominal)
+    share = np.abs(change) / np.where(counted, room, 1.0)
+    return np.where(counted, nominal + change / share.max(axis=1, keepdims=True), found)
 
 
 def bisect(
@@ -182,7 +183,8 @@ def search_rays(
         SweepStopped: the nominal run fails or raised an error.
     """
     space = subject.space
-    far, step = ends(space, count, seed), 0
+    far = ends(space, count, seed)
+    step = 0
 
     def at(ray: int, severity: float) -> FloatArray:
         share = np.where(space.counted > 0.0, severity, 1.0)

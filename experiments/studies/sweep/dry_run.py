@@ -10,7 +10,8 @@ _SHOWN: Final = 12  # values of an axis
 
 def format_plan(plan: SweepPlan) -> str:
     """Return axes and size of a plan as lines of text."""
-    study, extent = plan.study, plan.extent()
+    study = plan.study
+    extent = plan.extent()
     lines = [f"{plan.name}: {study.description}".rstrip(": "), f"scenario  {study.scenario}"]
     for axis in study.axis:
         places = itertools.product(range(plan.points), range(plan.controller_count))

@@ -61,7 +61,8 @@ class Processes(Executor):
     """
 
     def __init__(self, workers: int) -> None:
-        self._workers, self._others = workers, {*multiprocessing.active_children()}
+        self._workers = workers
+        self._others = {*multiprocessing.active_children()}
         self._pool = self._begin()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
@@ -103,7 +104,7 @@ def _end_with_driver() -> None:
 
 @contextlib.contextmanager
 def engine(workers: int | None = None, address: str | None = None) -> Iterator[Engine]:
-    """Start workers on this machine, or connect to those of a cluster, until the block ends.
+    """Start workers on this machine, or connect to a cluster's, until the block ends.
 
     Args:
         workers: processes on this machine, one per core by default; 0: this process.
@@ -135,7 +136,8 @@ def imap_bounded(
     """
     waiting = iter(tasks)
     under_way: dict[Future[Result], Task] = {}
-    width, more = engine.width(), True
+    width = engine.width()
+    more = True
     try:
         while True:
             while more and len(under_way) < width:

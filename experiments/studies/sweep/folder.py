@@ -40,7 +40,8 @@ class Origin:
     @classmethod
     def here(cls, plan: str, runs: int, refused: int = 0, study: str = "") -> Origin:
         """Return the origin of rows that this process makes."""
-        machine, cpus = platform.platform(), os.cpu_count() or 1
+        machine = platform.platform()
+        cpus = os.cpu_count() or 1
         return cls(plan, runs, code_digest(), versions(), machine, cpus, refused, study)
 
     def dump(self) -> str:
@@ -71,9 +72,14 @@ def is_begun(path: Path) -> bool:
     return (path / _STUDY).exists()
 
 
+def read_origin(path: Path) -> Origin:
+    """Return the origin of a folder in which a sweep has been begun."""
+    return Origin(**json.loads((path / _VERSIONS).read_text(encoding="utf-8")))
+
+
 @contextmanager
 def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
-    """Lock a new folder, or that of the same sweep, until the block or the process ends.
+    """Lock a new folder, or the folder of the same sweep, until the block or the process ends.
 
     Rows of a study that has grown since are kept under their numbers in the new plan.
 
@@ -106,7 +112,8 @@ def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
         lock.truncate(0)
         lock.write(str(os.getpid()))
         lock.flush()
-        digest, refused = plan.extent().digest, plan.size - plan.run_count
+        digest = plan.extent().digest
+        refused = plan.size - plan.run_count
         origin = Origin.here(digest, plan.size, refused, plan.name)
         if is_begun(path):
             origin = _resumed(path, plan, origin)
@@ -122,7 +129,7 @@ def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
     Raises:
         SweepRefused: it belongs to another sweep; the message says what differs.
     """
-    begun = Origin(**json.loads((path / _VERSIONS).read_text(encoding="utf-8")))
+    begun = read_origin(path)
     # The commit may differ: the digest says whether the code does.
     before, after = ({"code": item.code, **item.versions, "commit": ""} for item in (begun, origin))
     for name in {**before, **after}:
@@ -151,7 +158,8 @@ def _renumbered(path: Path, plan: SweepPlan, origin: Origin) -> list[Row]:
         planned = plan[run]
         if row := rest.pop(plan.identity(planned, origin.versions), None):
             values = {**row, **planned.setting.axes, "run": run, "point": planned.point}
-            kept.append({name: values[name] for name in columns(plan.study.names)})
+            first = {name: values.pop(name) for name in columns(plan.study.names)}
+            kept.append({**first, **values})  # a study of the pages has columns of its own
     for row in rest.values():
         raise SweepRefused(
             f"output folder {path}: holds {len(rest)} rows of runs that are not in study "

@@ -28,7 +28,7 @@ from ...scenario.scenario import (
     read_scenario,
 )
 from .row import Value
-from .study import MOST_RUNS, Change, Dimension, Scalar, Study, dimensions
+from .study import MOST_RUNS, Change, Dimension, Scalar, Study, VariantAxis, dimensions
 
 _CACHED = 64  # scenarios: those of one point, for all its seeds
 
@@ -79,12 +79,15 @@ class SweepPlan:
     """
 
     def __init__(self, name: str, study: Study, *, trusted: bool = True) -> None:
-        self.name, self.study, self._trusted = name, study, trusted
+        self.name = name
+        self.study = study
+        self._trusted = trusted
         factors = dimensions(study)
         self._shared = [factor for factor in factors if not factor.selects_controller]
         self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
         self._relative = {key for axis in study.axis if axis.relative for key in axis.names}
         self._optional = {key for axis in study.axis if axis.optional for key in axis.names}
+        self._variants = {a.name: a.values for a in study.axis if isinstance(a, VariantAxis)}
         self._seeds = study.point_seeds
         self._drafts: dict[str, ScenarioFile] = {}
         for dimension in factors:
@@ -99,7 +102,7 @@ class SweepPlan:
 
     @property
     def size(self) -> int:
-        """Return how many run numbers there are, those of refused combinations included."""
+        """Return how many run numbers there are, refused combinations included."""
         return self.points * len(self._seeds) * self.controller_count
 
     @property
@@ -121,7 +124,7 @@ class SweepPlan:
         return *divmod(rest, len(self._seeds)), controller
 
     def runs(self) -> Iterator[int]:
-        """Yield the numbers of the runs to drive: all but those of refused combinations."""
+        """Yield the numbers of the runs to drive: all but the refused combinations."""
         refused = self.refusals if self.study.skip_refused else {}
         for run in range(self.size):
             point, _, controller = self._place(run)
@@ -159,7 +162,8 @@ class SweepPlan:
 
     @functools.cached_property
     def _survey(self) -> tuple[PlanExtent, Mapping[tuple[int, int], InvalidStudy]]:
-        digest, simulated = hashlib.sha256(), 0.0
+        digest = hashlib.sha256()
+        simulated = 0.0
         accepted: dict[int, str] = {}  # names of the controllers
         refusals: dict[tuple[int, int], InvalidStudy] = {}
         for place in itertools.product(range(self.points), range(self.controller_count)):
@@ -210,6 +214,9 @@ class SweepPlan:
         merge_tables(tables, self.study.set)
         try:
             for key, value in changes.items():
+                if key in self._variants:
+                    merge_tables(tables, self._variants[key][str(value)])
+                    continue
                 if key in self._optional and self._lacks(draft, key):
                     continue
                 if key in self._relative:
@@ -220,7 +227,10 @@ class SweepPlan:
                 refuse_untrusted(draft.file, named_parts(scenario), {})
         except ExperimentError as error:
             raise self._refusal(changes, error) from None
-        axes = {key: scenario_value(scenario, key, draft.name) for key in changes}
+        axes = {
+            key: label if key in self._variants else scenario_value(scenario, key, draft.name)
+            for key, label in changes.items()
+        }
         return Setting(draft.name, scenario, dump(scenario), axes)
 
     def _draft(self, name: str) -> ScenarioFile:

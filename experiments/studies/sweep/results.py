@@ -78,7 +78,8 @@ class Results:
         Raises:
             SweepStopped: writing failed; the file ends with the row before.
         """
-        stream, whole = self._stream, os.fstat(self._stream.fileno()).st_size
+        stream = self._stream
+        whole = os.fstat(self._stream.fileno()).st_size
         try:
             # Unbuffered: after a failure, the rest of a buffer would be written on closing.
             data = line(row).encode()

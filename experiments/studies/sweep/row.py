@@ -25,7 +25,8 @@ def _figures(table: type, prefix: str = "") -> Iterator[str]:
     """Yield the dotted names of all numbers in a dataclass of dataclasses, in order."""
     hints = typing.get_type_hints(table)
     for field in fields(table):
-        hint, name = hints[field.name], f"{prefix}{field.name}"
+        hint = hints[field.name]
+        name = f"{prefix}{field.name}"
         parts = (hint, *typing.get_args(hint))
         below = [part for part in parts if is_dataclass(part)]
         if below:

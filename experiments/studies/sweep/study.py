@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 import tomli_w
@@ -109,6 +109,33 @@ class DrawnAxis(AxisKeys):
         _check_range(self.low, self.high, self.distribution == "log-uniform")
 
 
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class VariantAxis:
+    """Named sets of changes, such as parts that are switched on one after the other."""
+
+    kind: Literal["variants"]
+    name: Annotated[str, Field(pattern=r"^\w+$")]  # column of the rows, which holds the labels
+    values: Annotated[
+        dict[str, dict[str, Any]], Field(min_length=1)
+    ]  # label -> tables, as of `set`
+    relative: ClassVar[bool] = False
+    optional: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if self.name in BY_NAME:
+            raise ValueError(f"variants: their name is a column, not {self.name}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the column of the axis."""
+        return (self.name,)
+
+    @property
+    def label(self) -> str:
+        """Return the name of the axis in messages."""
+        return self.name
+
+
 def _check_range(low: float, high: float, logarithmic: bool) -> None:
     if not low < high:
         raise ValueError(f"low must be below high, got {low:g} and {high:g}")
@@ -116,7 +143,7 @@ def _check_range(low: float, high: float, logarithmic: bool) -> None:
         raise ValueError(f"low must be above 0 on a logarithmic scale, got {low:g}")
 
 
-Axis = Annotated[ListAxis | GridAxis | DrawnAxis, Field(discriminator="kind")]
+Axis = Annotated[ListAxis | GridAxis | DrawnAxis | VariantAxis, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -130,7 +157,7 @@ class Study:
     ) = 1
     samples: Count | None = None  # of all drawn axes together
     draw: Seed = 1  # seed of the drawn values
-    keep: Literal["none", "all", "failed"] = "none"  # logs
+    keep: Literal["none", "all", "failed"] = "none"  # which logs stay in the folder
     skip_refused: bool = False  # leave out what a scenario or a controller refuses
     set: dict[str, Any] = Field(default_factory=dict)
     axis: tuple[Axis, ...] = ()
@@ -213,7 +240,7 @@ def _anchored(content: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Dimension:
-    """One factor of the grid; its entries are combined with those of all others."""
+    """One factor of the grid; its entries are combined with the entries of all others."""
 
     entries: Sequence[Change]
     selects_controller: bool = False  # all its entries meet the same terrain and noise
@@ -224,7 +251,7 @@ def dimensions(study: Study) -> tuple[Dimension, ...]:
     result = []
     for axis in study.axis:
         if not isinstance(axis, DrawnAxis):
-            values = grid(axis) if isinstance(axis, GridAxis) else axis.values
+            values = grid(axis) if isinstance(axis, GridAxis) else tuple(axis.values)
             changes = [_change(axis.names, value) for value in values]
             result.append(Dimension(changes, selects_controller="controller" in axis.names))
     if study.samples is not None:
@@ -264,7 +291,8 @@ def draw(axes: Sequence[DrawnAxis], samples: int, seed: int) -> FloatArray:
     cube = sampler.random(samples)
     columns = []
     for axis in axes:
-        low, high = axis.low, axis.high
+        low = axis.low
+        high = axis.high
         if axis.label in joint:
             probability = cube[:, joint.index(axis.label)]
         else:

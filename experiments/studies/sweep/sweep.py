@@ -22,7 +22,7 @@ class Progress:
 
     done: int  # rows, those of earlier calls in the folder included
     runs: int
-    row: Row  # the latest one
+    row: Row  # row that was written last
 
 
 def sweep(

@@ -2,7 +2,7 @@
 
 import contextlib
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -11,7 +11,9 @@ from typing import Final, Literal
 from ....testbed.atomic_write import partial_path
 from ....testbed.errors import LogError
 from ....testbed.recording.provenance import code_digest
+from ....testbed.recording.record import Record
 from ...errors import SweepStopped
+from ...results.summary import Summary
 from ...run.shared_parts import SharedParts
 from ...run.simulate import simulate
 from ...scenario.scenario import Scenario
@@ -29,7 +31,7 @@ class SweepJob:
     run: int
     point: int
     run_id: str
-    name: str  # of the scenario
+    name: str  # name of the scenario
     scenario: Scenario
     seed: int
     axes: Mapping[str, Value]
@@ -68,8 +70,16 @@ class SweepJob:
         return self.row("crashed", "every process that drove it died", no_figures(), None)
 
 
-def run_job(job: SweepJob) -> Row:
+Measure = Callable[[SweepJob, Summary, Record], Mapping[str, Value]]
+"""Further columns of a row, from the job of a run, its summary and its record."""
+
+
+def run_job(job: SweepJob, measure: Measure | None = None) -> Row:
     """Drive a run and return its row; an error in the run becomes a row, too.
+
+    Args:
+        job: of the run.
+        measure: makes further columns of the row.
 
     Raises:
         SweepStopped: this process has other code than the driver, or the log cannot be written.
@@ -81,7 +91,7 @@ def run_job(job: SweepJob) -> Row:
     # Hidden until complete: the run is driven twice if its first worker seems to be dead.
     part = log.with_name(f".{job.run}-{uuid.uuid4().hex[:8]}.mcap")
     try:
-        summary, _ = simulate(
+        summary, record = simulate(
             job.name,
             job.scenario,
             job.seed,
@@ -91,6 +101,7 @@ def run_job(job: SweepJob) -> Row:
         kept = job.keep == "all" or (job.keep == "failed" and summary.status != "completed")
         if kept:
             part.replace(log)
+        measured = measure(job, summary, record) if measure else {}
     except LogError as error:
         raise SweepStopped(f"run {job.run}: {error}") from None
     except KeyboardInterrupt:
@@ -105,4 +116,5 @@ def run_job(job: SweepJob) -> Row:
                     file.unlink(missing_ok=True)
     wall_s = perf_counter() - start
     name = log.relative_to(job.folder).as_posix() if kept else ""
-    return job.row(summary.status, summary.failure, figures(summary), wall_s, name)
+    row = job.row(summary.status, summary.failure, figures(summary), wall_s, name)
+    return {**row, **measured}

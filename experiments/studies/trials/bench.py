@@ -88,7 +88,8 @@ class Entrant:
         for name, file in files.items():
             scenario = read_scenario(str(file)).scenario(self.changes, changed_by="--set")
             named_factory(self.controller, scenario.controller.options)  # no trial is to blame
-            tube, corridor = scenario.controller.speed_tube(), scenario.corridor
+            tube = scenario.controller.speed_tube()
+            corridor = scenario.corridor
             if tube and corridor and tube.speed_within(corridor.half_width_m) < math.inf:
                 raise BadOptions(
                     f"bench {self.controller}: controller.options must have no half widths over "

@@ -132,11 +132,13 @@ def fixed_law(grid: ReferenceSample, k: int, tick: TickContext) -> Command:
 
     A law of its own: a change of a controller must not change the checks.
     """
-    truth, state = tick.now, grid.state[k]
+    truth = tick.now
+    state = grid.state[k]
     delta_t, delta_i, hp = grid.inputs[k].tolist()
     if state[State.V] > 0.0:
         yaw = float(state[State.PSI_T])
-        x, y = truth.tractor.x - state[State.X], truth.tractor.y - state[State.Y]
+        x = truth.tractor.x - state[State.X]
+        y = truth.tractor.y - state[State.Y]
         left = y * math.cos(yaw) - x * math.sin(yaw)
         ahead = x * math.cos(yaw) + y * math.sin(yaw)
         delta_t += math.remainder(yaw - truth.tractor.yaw, math.tau) - math.atan(0.5 * left)
@@ -150,7 +152,8 @@ def differing(
     """Return the scenarios whose checks differ by more than rounding of another processor."""
 
     def same(name: str) -> bool:
-        one, other = results.get(name, ()), frozen.get(name, ())
+        one = results.get(name, ())
+        other = frozen.get(name, ())
         return len(one) == len(other) and np.allclose(one, other, rtol=_TOLERANCE, atol=_TOLERANCE)
 
     return tuple(name for name in sorted({*results, *frozen}) if not same(name))

@@ -53,7 +53,7 @@ class Draws:
 
     kind: Literal["public", "quick", "hidden"]
     sha256: str
-    """Of the seeds as text, one a line: that of an organiser's file."""
+    """Of the seeds as text, one a line, as in an organiser's file."""
     count: Annotated[int, Field(ge=1, le=_MOST)]
     seeds: tuple[Seed, ...] | None = None
     """The seeds; absent in the score card of hidden ones."""
@@ -182,7 +182,7 @@ class Interval:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class TrialScore:
-    """Figures of a trial over its runs; means of errors and travel are those of completed runs."""
+    """Figures of a trial over its runs; errors and travel are means over completed runs."""
 
     cost_m: Interval
     tail_m: float
@@ -273,7 +273,7 @@ class ScoreCard:
     """Content of `score.json`."""
 
     format: Literal["ttempc field trials, card 1", "ttempc field trials, card 2"]
-    """Kind and version of this format; the score of card 1 is that of version 1, not weighted."""
+    """Kind and version of this format; card 1 has the score of version 1, which is not weighted."""
     identifier: str
     """Version and content hash of the trials; with the digest of the code if that changes the
     plant."""
@@ -367,7 +367,8 @@ def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
     ):
         if one != other:
             raise InvalidScoreCard(f"bench --compare: {what} {one} and {other}: must be the same")
-    before, after = costs(first.trials), costs(second.trials)
+    before = costs(first.trials)
+    after = costs(second.trials)
     count = len(first.trials)
 
     def of(means: FloatArray) -> FloatArray:
@@ -378,7 +379,8 @@ def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
     )
     trials = {}
     for k, name in enumerate(first.trials):
-        one, other = first.score.trials[name], second.score.trials[name]
+        one = first.score.trials[name]
+        other = second.score.trials[name]
         trials[name] = {
             "first_m": one.cost_m.value,
             "second_m": other.cost_m.value,

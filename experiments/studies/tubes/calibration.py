@@ -28,7 +28,7 @@ from .fit import LoggedRun, logged_run, require_alike
 SCALE_EVERY: Final = 5
 """Of five runs, the fifth gives the scale; the others are scored."""
 
-_WAYS: Final = ("along", "across")
+_DIRECTIONS: Final = ("along", "across")
 _SAME_TUBE: Final = 1e-3  # share of a half width; that of a log is rounded to single precision
 
 
@@ -129,7 +129,8 @@ def format_calibration(tube: TubeFile) -> str:
     low, high = given.coverage_interval()
     widths = asdict(calibration.half_widths)
     rows = [
-        f"{f'  {body}':<24}" + "".join(f"{widths[f'{body}_{way}_m']:>10.4f}" for way in _WAYS)
+        f"{f'  {body}':<24}"
+        + "".join(f"{widths[f'{body}_{direction}_m']:>10.4f}" for direction in _DIRECTIONS)
         for body in Containment.ACROSS
     ]
     return "\n".join(
@@ -139,7 +140,7 @@ def format_calibration(tube: TubeFile) -> str:
             f"Coverage  {calibration.guaranteed:.4f} for the next run of this scenario; given "
             f"these runs {low:.4f} to {high:.4f} (95 %)",
             "",
-            f"{'half width [m]':<24}" + "".join(f"{way:>10}" for way in _WAYS),
+            f"{'half width [m]':<24}" + "".join(f"{direction:>10}" for direction in _DIRECTIONS),
             *rows,
         ]
     )

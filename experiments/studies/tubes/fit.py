@@ -143,7 +143,8 @@ def require_alike(runs: Sequence[LoggedRun]) -> None:
 def _difference(first: Mapping[str, object], other: Mapping[str, object], above: str = "") -> str:
     """Return the first key with another value, and both values; "" where all are equal."""
     for key in sorted({*first, *other}):
-        one, two = first.get(key), other.get(key)
+        one = first.get(key)
+        two = other.get(key)
         if one == two:
             continue
         if isinstance(one, Mapping) and isinstance(two, Mapping):
@@ -313,7 +314,8 @@ def fit_tube(
     reference = runs[0].reference
     ticks = int(reference.duration_s / PAPER_PERIOD_S)
     curvature = np.abs(reference.at(np.arange(ticks) * PAPER_PERIOD_S).curvature)
-    straight, curve = int(np.argmin(curvature)), _longest(curvature >= 0.999 * curvature.max())
+    straight = int(np.argmin(curvature))
+    curve = _longest(curvature >= 0.999 * curvature.max())
     weights = design_weights(reference, [straight, curve], disturbance)
     design = TubeDesign(reference.vehicle, PAPER_PERIOD_S, disturbance, estimate_error, weights)
     provenance = Provenance(
@@ -349,12 +351,15 @@ def design_weights(
     """Return the weights of the ancillary gain for the error models at `ticks` of a reference,
     as its straight and its sharpest curve; `disturbance` is the set of one-step residuals.
     """
-    vehicle, rows = reference.vehicle, list(ticks)
+    vehicle = reference.vehicle
+    rows = list(ticks)
     a, b, c = error_dynamics(reference, PAPER_PERIOD_S, max(rows) + 1)
     feedforward = exact_feedforward(reference, max(rows) + 1, PAPER_PERIOD_S)[rows]
     limits = CommandLimits.of(vehicle, PAPER_PERIOD_S)
     reserve = RESERVE * np.array([vehicle.steering_limit_t, vehicle.steering_limit_i, 0.0])
-    a, b, c = a[rows, :_N, :_N], b[rows, :_N], c[rows, :, :_N]
+    a = a[rows, :_N, :_N]
+    b = b[rows, :_N]
+    c = c[rows, :, :_N]
     return search_weights(a, b, c, disturbance, feedforward, limits, reserve)
 
 
@@ -389,7 +394,8 @@ def _longest(flags: np.ndarray) -> int:
 
 def format_fit(fit: Fit) -> str:
     """Return a table of the half widths, the free input ranges and the hold-out counts."""
-    provenance, certificate = fit.file.provenance, fit.along.tube.certificate
+    provenance = fit.file.provenance
+    certificate = fit.along.tube.certificate
     disturbance = fit.file.disturbance
     lines = [
         f"Runs      {', '.join(provenance.scenarios)}: {len(provenance.fitted_seeds)} fitted, "

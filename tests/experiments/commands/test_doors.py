@@ -81,9 +81,9 @@ def test_a_full_disk_leaves_no_file(tmp_path):
 def test_a_path_is_checked_against_the_field_before_it_is_smoothed(tmp_path):
     (tmp_path / "mine.toml").write_text('[path]\nkind = "file"\nfile = "path.csv"\n')
     for text, reason in (
-        ("x,y\n0,0\n100000,0\n", "point 1 of 2 at x = 100000"),
+        ("x,y\n0,0\n100000,0\n", "point 0 of 2 at x = -50000"),
         ("x,y\n0,0\n1e308,0\n", "beyond the field"),
-        ("0 0\n" * 100_002, "100002 lines"),
+        ("0 0\n" * 100_002, "100002 points"),
     ):
         (tmp_path / "path.csv").write_text(text)
         with pytest.raises(REFUSALS, match=reason):

@@ -3,10 +3,12 @@
 import json
 import math
 import struct
+from pathlib import Path
 
 import numpy as np
 from proving_ground.testbed.geodesy import MapFrame
 
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ORIGIN_DEG = (44.97, -93.26)
 FRAME = MapFrame(ORIGIN_DEG)
 SPEED_MPS = 1.2
@@ -72,20 +74,20 @@ def sentence(body):
     return f"${body}*{check:02X}\r\n"
 
 
-def _minutes(degrees, width, letters):
+def minutes_of(degrees, width, letters):
     whole = math.floor(abs(degrees))
     minutes = 60.0 * (abs(degrees) - whole)
     return f"{whole:0{width}d}{minutes:011.8f},{letters[0] if degrees >= 0 else letters[1]}"
 
 
-def _place(latitude, longitude):
-    return f"{_minutes(latitude, 2, 'NS')},{_minutes(longitude, 3, 'EW')}"
+def place(latitude, longitude):
+    return f"{minutes_of(latitude, 2, 'NS')},{minutes_of(longitude, 3, 'EW')}"
 
 
 def nmea():
     lines = []
     for k, (lat, lon) in enumerate(DEGREES):
-        lines.append(sentence(f"GNGGA,0800{k:02d}.00,{_place(lat, lon)},4,12,0.8,250.0,M,,M,1.0,"))
+        lines.append(sentence(f"GNGGA,0800{k:02d}.00,{place(lat, lon)},4,12,0.8,250.0,M,,M,1.0,"))
         lines.append(
             sentence(f"GNVTG,78.7,T,,M,{SPEED_MPS / 0.514444:.4f},N,{3.6 * SPEED_MPS},K,D")
         )
@@ -95,7 +97,7 @@ def nmea():
 def panda():
     knots = SPEED_MPS / 0.514444
     return "".join(
-        sentence(f"PANDA,0800{k:02d}.0,{_place(lat, lon)},4,12,0.8,250,1.0,{knots:.4f},787,-12,0,0")
+        sentence(f"PANDA,0800{k:02d}.0,{place(lat, lon)},4,12,0.8,250,1.0,{knots:.4f},787,-12,0,0")
         for k, (lat, lon) in enumerate(DEGREES)
     )
 

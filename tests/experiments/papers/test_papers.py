@@ -2,12 +2,14 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from proving_ground.experiments.errors import InvalidPage
 from proving_ground.experiments.papers import __main__ as command
 from proving_ground.experiments.papers import checks
 from proving_ground.experiments.papers import runner as module
+from proving_ground.experiments.papers import table as table_module
 from proving_ground.experiments.papers.checks import (
     Check,
     Fingerprint,
@@ -18,9 +20,17 @@ from proving_ground.experiments.papers.checks import (
 )
 from proving_ground.experiments.papers.pages import ROOT, blocks, pages_of_tables
 from proving_ground.experiments.papers.runner import Runner, check, write_tables
-from proving_ground.experiments.papers.study import Block, Case, Study, all_studies, lap
+from proving_ground.experiments.papers.table import (
+    Block,
+    Table,
+    all_tables,
+    listed,
+    study,
+    variants,
+)
 from proving_ground.experiments.seeds import FITTING, TUNING
 from proving_ground.experiments.studies.sweep.study import load_study, shipped_studies
+from proving_ground.experiments.studies.sweep.work import run_job
 
 from tests.experiments.study_files import CONTROLLERS, SHORT
 
@@ -33,14 +43,14 @@ def short(monkeypatch):
     monkeypatch.setattr(checks, "CHECK_S", 1.0)
 
 
-def made_up(**changes) -> Study:
-    study = Study(
+def made_up(**changes) -> Table:
+    table = Table(
         name="made-up",
         make=lambda runner: Block("| 1 |", {"made-up.png": b"picture"}),
         seeds=(201, 202),
         checks=(("split", "pid"),),
     )
-    return replace(study, **changes)
+    return replace(table, **changes)
 
 
 @pytest.fixture
@@ -54,19 +64,19 @@ def out(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_every_marker_has_a_study_and_every_study_a_marker():
-    assert pages_of_tables().keys() == all_studies().keys()
+def test_every_marker_has_a_table_and_every_table_a_marker():
+    assert pages_of_tables().keys() == all_tables().keys()
 
 
 def test_the_ledger_has_the_checks_of_every_table_but_new_ones():
-    studies = all_studies()
+    tables = all_tables()
     for name, making in read_ledger().items():
-        assert {item.name for item in studies[name].all_checks} == {*making.checks}, name
+        assert {item.name for item in tables[name].all_checks} == {*making.checks}, name
 
 
 def test_no_table_reports_on_seeds_of_the_design():
     design = {*TUNING, *FITTING}
-    assert not {n for n, study in all_studies().items() if design & {*study.all_seeds}}
+    assert not {n for n, table in all_tables().items() if design & {*table.all_seeds}}
     for name in shipped_studies():
         assert not design & {*load_study(name)[1].point_seeds}, name
     for file in (ROOT / "experiments" / "fitted").glob("*.json"):
@@ -96,8 +106,8 @@ def test_another_processor_is_told_from_another_figure():
 
 
 def test_a_table_is_written_into_its_page_and_a_changed_plant_makes_it_stale(out, short):
-    study = made_up()
-    assert list(write_tables([study], Runner(out / "rows", workers=0), out)) == [study]
+    table = made_up()
+    assert list(write_tables([table], Runner(out / "rows", workers=0), out)) == [table]
     text = (out / "docs" / "made-up.md").read_text()
     assert text.startswith("before\n")
     assert text.endswith("after\n")
@@ -106,66 +116,91 @@ def test_a_table_is_written_into_its_page_and_a_changed_plant_makes_it_stale(out
     assert "papers made-up`; seeds 201, 202; " in text
     assert (out / "docs" / "made-up.png").read_bytes() == b"picture"
     runner = Runner(out / "rows", workers=0)
-    assert check([study], runner, out) == {"made-up": "same bits"}
+    assert check([table], runner, out) == {"made-up": "same bits"}
     again = (out / "docs" / "fingerprints.json").read_bytes()
     write_ledger(read_ledger(out), out)
     assert (out / "docs" / "fingerprints.json").read_bytes() == again
 
-    (item,) = study.all_checks
+    (item,) = table.all_checks
     terrain = replace(item.scenario.terrain, slope_rad=1e-5)
     changed = fingerprint(Check(item.name, replace(item.scenario, terrain=terrain)))
     runner._fingerprints[item.name] = changed
     others = [made_up(name="new"), made_up(checks=(("split", "lqr"),))]
-    assert check([study], runner, out)["made-up"].startswith("differs")
+    assert check([table], runner, out)["made-up"].startswith("differs")
     assert check(others[:1], runner, out)["new"] == "not made"
     assert check(others[1:], runner, out)["made-up"].startswith("other checks")
 
 
-def test_rows_of_a_grid_are_kept_in_order_and_driven_once(out, short, monkeypatch, capsys):
-    driven = []
+def weigh(job):
+    """Return a row without a drive; how often is in the file beside the rows."""
+    with (job.folder.parent / "count").open("a") as count:
+        count.write(".")
+    return {**job.row("completed", None, {}, None), "weight": 2.0 * job.seed}
 
-    def drive(case: Case):
-        driven.append(case)
-        return {"weight": case["gain"], **lap(case)}
 
-    study = made_up(
+def test_rows_of_studies_are_kept_in_order_and_made_once(out, short, capsys):
+    own = study(
+        "split",
+        (201, 202),
+        (STRAIGHT,),
+        listed("scenario", "split", "pavement"),
+        variants("driver", {"a": ('controller.name="pid"',), "b": ()}),
+    )
+    table = made_up(
         make=None,
         name="grid",
-        scenarios=("split", "pavement"),
-        axes={"gain": [1.0, 2.0], "driver": {"a": ('controller.name="pid"',)}},
-        overrides=(STRAIGHT,),
-        drive=drive,
-        table=lambda rows: f"{[*zip(rows['scenario'], rows['gain'], rows['seed'], strict=True)]}",
+        studies={"one": own, "two": study("split", (203,), (STRAIGHT,))},
+        work=weigh,
+        text=lambda rows: str([*zip(rows["study"], rows["seed"], rows["weight"], strict=True)]),
     )
-    places = [(f, gain, s) for f in study.scenarios for gain in (1.0, 2.0) for s in study.seeds]
-    for count in (8, 8):  # the second time, no run is driven
-        list(write_tables([study], Runner(out / "rows", workers=0), out))
-        assert capsys.readouterr().out.strip() == str(places)  # no page: printed
-        assert len(driven) == count
-    file = next((out / "rows").glob("grid-*/results.pickle"))
+    seeds = [201, 202] * 4
+    expected = [*(("one", seed, 2.0 * seed) for seed in seeds), ("two", 203, 406.0)]
+    for _ in range(2):  # the second time, no row is made
+        list(write_tables([table], Runner(out / "rows", workers=0), out))
+        assert capsys.readouterr().out.strip() == str(expected)  # no page: printed
+        assert (out / "rows" / "count").read_text() == 9 * "."
+    (file,) = (out / "rows").glob("grid-one-*/results.jsonl")
     file.write_bytes(file.read_bytes()[:-100])  # a torn last row
-    runner = Runner(out / "rows", workers=0)
-    runner._study = study
-    rows = runner.frame(study.cases(), drive)
-    assert len(driven) == 9
-    assert set(rows["status"]) == {"completed"}
-    assert set(rows["controller"]) == {"pid"}
+    frame = Runner(out / "rows", workers=0).frame(table)
+    assert (out / "rows" / "count").read_text() == 10 * "."
+    assert [*frame["driver"].dropna()] == ["a", "a", "b", "b"] * 2
+    assert {*frame["controller"]} == {"pid", "ttempc"}
+
+
+def test_a_measure_adds_columns_to_the_row_of_a_run(out, short):
+    def measure(job, summary, record):
+        return {"rows": float(len(record["/state"])), "of": job.name}
+
+    table = made_up(
+        make=None,
+        studies={"made-up": study("split", (201,), (STRAIGHT, "controller.name=pid"))},
+        work=partial(run_job, measure=measure),
+    )
+    (row,) = Runner(out / "rows", workers=0).frame(table).to_dict("records")
+    assert row["status"] == "completed"
+    assert row["rows"] > 50.0
+    assert row["of"] == "split"
 
 
 def test_finished_rows_of_a_sweep_are_those_of_one_plant(tmp_path, short, monkeypatch):
     file = tmp_path / "tiny.toml"
     file.write_text(f"""seeds = [201]\n{SHORT}\n{CONTROLLERS}""".replace("feedforward", "ttempc"))
     tiny = load_study(str(file))
-    for place in (module, checks):
+    for place in (table_module, checks):
         monkeypatch.setattr(place, "load_study", lambda name: tiny)
-    first = Runner(tmp_path / "rows", workers=0).sweep("tiny")
-    content = (first / "results.jsonl").read_bytes()
-    assert content.count(b"\n") == 2
-    assert Runner(tmp_path / "rows", workers=0).sweep("tiny") == first
-    assert (first / "results.jsonl").read_bytes() == content
+    table = made_up(make=None, sweeps=("tiny",), checks=())
+    rows = tmp_path / "rows"
+    first = Runner(rows, workers=0).frame(table)
+    assert len(first) == 2
+    assert {*first["study"]} == {"tiny"}
+    (content,) = rows.glob("*/results.jsonl")
+    stamp = content.stat().st_mtime_ns
+    assert Runner(rows, workers=0).frame(table).equals(first)
+    assert content.stat().st_mtime_ns == stamp
     found = fingerprint
     monkeypatch.setattr(module, "fingerprint", lambda item: found(item)._replace(sha256="other"))
-    assert Runner(tmp_path / "rows", workers=0).sweep("tiny") != first
+    Runner(rows, workers=0).frame(table)
+    assert len([*rows.glob("*/results.jsonl")]) == 2
 
 
 @pytest.mark.parametrize(
@@ -188,7 +223,7 @@ def test_invalid_markers_and_ledgers_are_refused(text, out):
 def test_the_command_lists_and_refuses(capsys):
     assert command.main([]) == 0
     listed = capsys.readouterr().out
-    assert all(name in listed for name in all_studies())
+    assert all(name in listed for name in all_tables())
     with pytest.raises(SystemExit) as refusal:
         command.main(["nothing"])
     assert refusal.value.code == 2

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from proving_ground.experiments.papers.studies import containment, entry, faults, laps, widths
-from proving_ground.experiments.papers.study import Case, all_studies
-from proving_ground.experiments.run.assembly import check
+from proving_ground.experiments.papers.table import all_tables, study, variants
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import (
     PointHalfWidths,
@@ -17,7 +17,11 @@ from proving_ground.experiments.scenario.tube_file import (
     read_tube,
 )
 from proving_ground.experiments.seeds import FITTING, report_seeds
+from proving_ground.experiments.studies.sweep.folder import Origin, SweepFolder
+from proving_ground.experiments.studies.sweep.plan import SweepPlan
 from proving_ground.experiments.studies.sweep.row import FIGURES
+from proving_ground.experiments.studies.sweep.sweep import sweep_job
+from proving_ground.experiments.studies.sweep.work import run_job
 from scipy.stats import gumbel_r
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'
@@ -31,26 +35,36 @@ def cells(text):
     return head, body
 
 
-def test_the_scenario_of_every_run_of_every_grid_can_be_driven():
-    for study in all_studies().values():
-        if study.table is not None and not study.sweeps:
-            points = {(case.scenario, case.overrides) for case in study.cases()}
-            for scenario, overrides in points:
-                check(load(scenario, overrides)[1])
+def job_of(own, run=0):
+    """Return the job of a run of a study, whose rows are not kept."""
+    plan = SweepPlan("made-up", own)
+    return sweep_job(plan, SweepFolder(Path(), Origin.here("", plan.size)), run)
+
+
+def driven(own, measure, run=0):
+    """Return the row of a run."""
+    return run_job(job_of(own, run), measure)
+
+
+def test_the_scenario_of_every_run_of_every_table_can_be_driven():
+    for table in all_tables().values():
+        for name, own in table.studies.items():
+            assert SweepPlan(name, own).extent().runs, table.name
     for fault in faults.CASES:
         load("grass", faults.changes(fault))
 
 
 def test_tables_of_laps_have_the_means_of_each_variant_over_the_seeds():
-    for study in laps.STUDIES[:2]:
+    for table in laps.TABLES[:2]:
+        (own,) = table.studies.values()
+        seeds = len(own.point_seeds)
+        plan = SweepPlan(table.name, own)
         rows = []
-        for number, case in enumerate(study.cases()):
-            figures = dict.fromkeys(FIGURES, 0.01 * number)
-            status = "lost" if number == 0 else "completed"
-            about = {"scenario": case.scenario, "seed": case.seed, "controller": "ttempc"}
-            rows.append({**about, **case.labels, "status": status, **figures})
-        head, body = cells(study.table(pd.DataFrame(rows)))
-        seeds = len(study.seeds)
+        for run in range(plan.size):
+            job = job_of(own, run)
+            figures = dict.fromkeys(FIGURES, 0.01 * run)
+            rows.append(job.row("lost" if run == 0 else "completed", None, figures, 1.0))
+        head, body = cells(table.text(pd.DataFrame(rows)))
         assert len(body) == len(rows) / seeds
         assert [line[-1] for line in body][:2] == [f"1/{seeds}", f"0/{seeds}"]
         column = next(k for k, name in enumerate(head) if name.startswith("tractor"))
@@ -79,43 +93,50 @@ def test_fresh_laps_keep_to_the_half_widths_as_often_as_promised():
 
 
 def test_estimators_are_consistent_on_a_straight():
-    row = laps.consistent(Case("grass", 1, (STRAIGHT,)))
+    row = laps.consistent(job_of(study("grass", (1,), (STRAIGHT,))))
     assert row["NIS"] == pytest.approx(1.0, abs=0.3)
-    assert [*row][:3] == ["x", "y", "psi_t"]
+    assert {"x", "y", "psi_t"} < row.keys()
 
 
 def test_a_start_beside_the_line_exceeds_the_floor_of_its_seed_by_2_cm_at_most():
     for seed in (9604, 9606):
-        row = entry.enter(Case("line-entry", seed, labels={"start": "entry", "variant": ""}))
-        assert row["home"]
-        assert row["excess"] < 0.02
+        starts = variants("start", entry.starts(seed))
+        parts = variants("variant", {"`ttempc`": ()}), variants("ground", {"grass": ()})
+        own = study("line-entry", (seed,), (), *parts, starts)
+        rows = pd.DataFrame([entry.enter(job_of(own, run)) for run in range(3)])
+        beside = rows["start"] == "entry"
+        assert rows["home"][beside].item() == 1.0
+        assert entry._excess(rows)[beside].item() < 0.02
 
 
 # Faults.
 
 
 def test_a_stuck_valve_stops_and_a_stuck_hitch_sensor_does_not():
-    names = {"front steering stuck": "pid", "hitch angle stuck, noise of 0.02 deg": "ttempc"}
+    names = {
+        "front steering stuck": "controller.name=pid",
+        "hitch angle stuck, noise of 0.02 deg": "controller.name=ttempc",
+    }
     stuck, hitch = (
-        faults.outcome(
-            Case("grass", 1, (*faults.changes(fault), f"controller.name='{name}'", "path.laps=1"))
-        )
-        for fault, name in names.items()
+        driven(study("grass", (1,), (*faults.changes(fault), own, "path.laps=1")), faults.outcome)
+        for fault, own in names.items()
     )
     assert stuck["result"] == "stopped"
     assert hitch["result"] == "degraded"
     assert hitch["noticed_s"] <= 2.0
     assert hitch["worst_m"] < 0.25
     labels = {"controller": "ttempc", "seed": 1}
-    runs = [{**labels, "fault": name, **row} for name, row in (("a", stuck), ("b", hitch))]
+    runs = [
+        {**row, **labels, "fault": name} for name, row in zip(names, (stuck, hitch), strict=True)
+    ]
     _, body = cells(faults.fault_tables(pd.DataFrame(runs)))
     one = "1 (3..100 %)"
-    assert [line[1:5] for line in body] == [["-", "-", one, "-"], ["-", one, "-", "-"]]
+    assert [line[1:5] for line in body] == [["-", one, "-", "-"], ["-", "-", one, "-"]]
 
 
 def test_a_drift_along_the_way_stops_the_vehicle():
-    scenario = *faults.changes("GNSS drifts by 10 cm/s north"), "path.laps=1"
-    row = faults.outcome(Case("grass", 1, scenario))
+    changes = (*faults.changes("GNSS drifts by 10 cm/s north"), "path.laps=1")
+    row = driven(study("grass", (1,), changes), faults.outcome)
     assert row["result"] == "stopped"
     assert row["noticed_s"] < 9.0
     assert row["worst_m"] < 1.0
@@ -125,10 +146,11 @@ def test_a_drift_along_the_way_stops_the_vehicle():
 
 
 def lap_row(seed=1, outside=0, status="completed"):
+    largest = (0.05, 0.07, 0.05, 0.05 + 0.001 * outside)
     return {
-        **{"field": "grass-soil", "seed": seed, "status": status, "restarts": outside},
+        **{"study": "grass-soil", "seed": seed, "status": status, "restarts": outside},
         **{"steps": 650, "inside": 650 - outside, "share": 0.4 + 0.1 * outside},
-        "largest_m": np.array([0.05, 0.07, 0.05, 0.05 + 0.001 * outside]),
+        **dict(zip(containment.LARGEST, largest, strict=True)),
     }
 
 

@@ -14,7 +14,7 @@ simulate(name, scenario, seed=1)
 for name, found in [*sys.modules.items()]:
     print("MODULE", name, getattr(found, "__file__", None) or "")
 """
-MOST_MODULES = 120
+MOST_MODULES = 90  # of plant and experiments; the library has a file for each detector
 FOREIGN = {"matplotlib", "PIL", "jinja2", "pandas", "mcap", "google.protobuf", "tqdm"}
 ROOMS = {
     "testbed.log", "testbed.messages", "testbed.viewers", "experiments.pictures",
@@ -44,7 +44,8 @@ def test_a_headless_run_knows_neither_log_nor_pictures():
     }
     assert not FOREIGN & modules.keys()
     assert not ROOMS & ours.keys()
-    assert sum(map(has_code, ours.values())) <= MOST_MODULES
+    own = [file for name, file in ours.items() if not name.startswith("ttempc")]
+    assert sum(map(has_code, own)) <= MOST_MODULES
 
 
 def test_an_environment_does_not_know_the_film():

@@ -26,7 +26,7 @@ path.laps=1.5  plant.vehicle.load_kg=true  terrain.iso_class='G'  soil.map=3
 actuators.front.dead_time_s=-0.1  actuators.trailer.dead_time_s=3  sensors.gnss_latency_s=2.5
 sensors.gnss_resolution_m=-1  sensors.gnss_correlation_time_s=0  sensors.gnss_error='pink'
 sensors.preset='lab'  sensors.preset=[1]  controller.noise.gnss_sd_m=0  sensors.imu.on=1
-controller.noise.assumed='true'  control.rate_hz=4.0  control.rate_hz=30.0  control.rate_hz=nan
+controller.noise.assumed='true'  control.rate_hz=4.0  control.rate_hz=101.0  control.rate_hz=nan
 controller.options.horizon=2.5  controller.options.horizon=0  controller.options.robust='no'
 controller.options.step_weight=[1.0]  controller.estimator='ukf'  path.speed_mps=0
 controller.vehicle.hydrostat_dead_time_s=2.5  controller.vehicle.front_limit_deg=95.0

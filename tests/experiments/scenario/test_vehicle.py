@@ -60,7 +60,7 @@ def test_any_number_of_the_vehicle_file_can_be_changed_in_the_plant():
 
 def test_impossible_vehicles_are_refused_in_one_line():
     for override, message in (
-        ("plant.vehicle.file='tank'", "farm4500, kayacan2016"),
+        ("plant.vehicle.file='tank'", "farm4500, kayacan2016, tipper4500"),
         ("plant.vehicle.file='none.toml'", "none.toml'"),
         ("plant.vehicle.hitch_offset_m=0.1", "plant.vehicle over kayacan2016: hitch.yaw_limit_deg"),
         ("plant.vehicle.parts.wagon.mass_kg=1.0", "kayacan2016: wagon: unknown key"),

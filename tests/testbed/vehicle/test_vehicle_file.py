@@ -71,7 +71,7 @@ def test_impossible_vehicles_are_refused_with_file_key_and_reason(tmp_path):
     with pytest.raises(InvalidPlant, match=r"mine\.toml: hydrostat: "):
         read_vehicle(str(file))
     for name in ("tank", "nowhere.toml"):
-        with pytest.raises(InvalidPlant, match="farm4500, kayacan2016"):
+        with pytest.raises(InvalidPlant, match="farm4500, kayacan2016, tipper4500"):
             read_vehicle(name)
 
 

@@ -15,11 +15,12 @@ from ttempc.baselines.pid import (
     PidOptions,
     front_steering_gains,
     poles,
+    reverse_gains,
     speed_gains,
     trailer_steering_gains,
 )
 from ttempc.guidance.controllers import make_controller
-from ttempc.models.kinematics import NO_DISTURBANCE
+from ttempc.models.kinematics import NO_DISTURBANCE, articulated, trailer_point_jacobian
 from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State
@@ -115,3 +116,35 @@ def test_from_beside_it_approaches_at_the_capture_angle(name):
             state = advance(state, command, vehicle, PERIOD_S / 20, NO_DISTURBANCE)
         headings.append(-math.degrees(state[State.PSI_T]))
     assert 20.0 < max(headings) < 32.0
+
+
+def test_in_reverse_with_a_plain_trailer_all_four_poles_are_the_designed_one():
+    """Of integral, cross-track error, heading and fold, on the exact model linearised at rest."""
+    vehicle = replace(Vehicle(), steering_limit_i=0.0, reverse=True)
+    speed = -0.8
+    gains, fold = reverse_gains(np.array([speed]), vehicle, 0.2)
+    feedback = np.array(
+        [gains.integral[0], gains.proportional[0], gains.derivative[0] * speed, fold[0]]
+    )
+
+    def rate(z, delta_t):
+        """Return the rate of (integral, e, psi_i, lambda) of the articulated kinematics."""
+        state = np.zeros(len(State))
+        state[State.PSI_T], state[State.PSI_I] = z[2] + z[3], z[2]
+        state[State.DELTA_T], state[State.V] = delta_t, speed
+        moved = articulated(state, np.array([delta_t, 0.0, speed / vehicle.speed_gain]), vehicle)
+        jacobian = trailer_point_jacobian(state, vehicle)
+        across = jacobian @ moved
+        yaw_i = moved[State.PSI_I]
+        return np.array([z[1], across[1], yaw_i, moved[State.PSI_T] - yaw_i])
+
+    step = 1e-6
+    closed = np.empty((4, 4))
+    for column in range(4):
+        z = np.zeros(4)
+        z[column] = step
+        closed[:, column] = rate(z, float(-feedback @ z)) / step
+    found = np.poly(closed)
+    pole = -found[1] / 4.0
+    assert pole < 0.0
+    np.testing.assert_allclose(found, np.poly(np.full(4, pole)), rtol=1e-3)

@@ -134,3 +134,12 @@ def test_the_controller_gets_the_state_at_which_its_command_acts(dead_times, sto
     for k in range(30 - lead):
         actual = estimate_of(states[k + lead], np.zeros((SIZE, SIZE)), 0.0, vehicle)
         np.testing.assert_allclose(estimates[k].state, actual.state, atol=1e-9)
+
+
+def test_a_time_of_whole_periods_has_no_rest():
+    """Although 0.6 / 0.2 is less than 3 in floating point."""
+    vehicle = replace(PROMPT, dead_time_t=0.6, dead_time_i=0.3, dead_time_hp=0.0)
+    reference = reference_of(vehicle)
+    controller = make_controller("pid", PROMPT, reference, PERIOD_S)
+    compensation = DeadTimeCompensation(controller, reference, PERIOD_S)
+    np.testing.assert_allclose(compensation.hold_back, [[0, 0.0], [1, 0.1], [3, 0.0]], atol=1e-12)

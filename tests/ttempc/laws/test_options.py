@@ -22,6 +22,7 @@ from ttempc.laws.tracking_controller import TrackingController
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.vehicle import Vehicle
 
 REFERENCE = Reference(straight(20.0), VEHICLE, ConstantSpeed(1.0), corridor=Corridor(0.08))
 BEND = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
@@ -113,6 +114,23 @@ def test_every_option_changes_the_commands(options, name):
     plain = options()
     changed = replace(plain, **{name: CHANGES[options][name]})
     assert not np.array_equal(commands(changed), commands(plain))
+
+
+def test_a_shorter_period_has_a_horizon_of_the_same_time_and_ramps_of_the_same_cost():
+    """Half the period: twice the steps, each half as large, against twice the sum of errors."""
+    vehicle = replace(VEHICLE, wheelbase=2.0 * VEHICLE.wheelbase)
+    short, long = (MpcOptions().for_vehicle(vehicle, 2.0, period_s) for period_s in (0.1, 0.2))
+    assert (short.horizon, short.moves) == (2 * long.horizon, 2 * long.moves)
+    ramp = np.array([0.03, -0.02, 0.1])
+    cost = long.moves * np.asarray(long.step_weight) @ ramp**2
+    halves = short.moves * np.asarray(short.step_weight) @ (0.5 * ramp) ** 2
+    assert halves == pytest.approx(2.0 * cost)
+
+
+def test_the_vehicle_of_the_options_has_them_as_they_are():
+    options = MpcOptions().for_vehicle(Vehicle(), 1.0, 0.2)
+    np.testing.assert_allclose(options.step_weight, MpcOptions().step_weight)
+    assert replace(options, step_weight=MpcOptions().step_weight) == MpcOptions()
 
 
 def test_impossible_values_are_refused_with_name_and_value():

@@ -88,7 +88,7 @@ def test_a_push_out_of_the_tube_restarts_the_nominal_state_and_is_reported():
 
 TICKS_KEPT_PLAN = 120
 FAILED = QPSolution(None, SolverReport("max_iter_reached", False, 0, 0.0, 0.0, 0.0))
-STEERED, _, _, SPREAD = steered_system(
+STEERED, REACH = steered_system(
     DESIGN,
     ALONG.a,
     ALONG.b,
@@ -97,6 +97,7 @@ STEERED, _, _, SPREAD = steered_system(
     ArticulatedOptions().horizon,
 )
 CLOSED = STEERED.closed
+SPREAD = REACH.hitch
 
 
 def test_no_admissible_disturbance_moves_the_hitch_angle_beyond_its_spread():

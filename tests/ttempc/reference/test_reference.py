@@ -33,6 +33,15 @@ def test_both_axle_points_are_on_the_path():
         assert np.min(np.hypot(*(dense - trailer).T)) < 6e-4
 
 
+@pytest.mark.parametrize("period_s", [0.2, 0.07])
+def test_a_grid_reaches_to_the_end_of_the_reference_and_ticks_beyond_it(period_s):
+    grid, longer = (REFERENCE.on_grid(period_s, beyond=beyond) for beyond in (0, 5))
+    np.testing.assert_allclose(np.diff(longer.time_s), period_s)
+    assert grid.time_s[-2] < REFERENCE.duration_s <= grid.time_s[-1] + 1e-9
+    assert len(longer.time_s) == len(grid.time_s) + 5
+    np.testing.assert_array_equal(longer.state[:-5], grid.state)
+
+
 def test_speeds_and_yaw_rates_are_the_derivatives():
     t, h = np.linspace(1.0, 130.0, 997), 1e-4
     before, after, now = REFERENCE.at(t - h), REFERENCE.at(t + h), REFERENCE.at(t)

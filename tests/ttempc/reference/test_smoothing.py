@@ -85,6 +85,12 @@ def test_arc_length_is_the_parameter_and_curvature_the_second_derivative(smoothe
     np.testing.assert_allclose((after - before)[:, 2] / (2 * h), path.curvature(s), atol=1e-3)
 
 
+def test_a_long_line_is_sampled_as_densely_at_its_end_as_at_its_beginning():
+    straight = np.column_stack([np.arange(0.0, 151.0, 30.0), np.zeros(6)])
+    lengths = [segment.length_m for segment in smooth(straight, 0.05).path.segments]
+    np.testing.assert_allclose(lengths, 150.0 / len(lengths), rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("points", "message"),
     [

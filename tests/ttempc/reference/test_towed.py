@@ -12,8 +12,9 @@ from tests.reference.models.kinematics import advance
 from ttempc.errors import InvalidPath
 from ttempc.models.kinematics import trailer_point
 from ttempc.reference.headland import headland
+from ttempc.reference.leading import check_plain, leading_path
 from ttempc.reference.path import Path, Segment, figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference, check_drivable
+from ttempc.reference.reference import ConstantSpeed, Reference, check_drivable, is_comfortable
 from ttempc.reference.towed import distance_off_line, tow
 from ttempc.types import State
 from ttempc.vehicle import Vehicle
@@ -110,3 +111,36 @@ def test_a_trailer_that_would_fold_is_refused_with_its_place():
     check_drivable(figure_eight(radius_m=12.0, centre_distance_m=36.0), long)
     with pytest.raises(InvalidPath, match=r"s = .* m .*fold by \d+ deg"):
         check_drivable(figure_eight(radius_m=6.0), long)
+
+
+@pytest.mark.parametrize("hitch", [-0.3, 0.0, 0.3, 0.9], ids=["before", "at", "behind", "far"])
+@pytest.mark.parametrize(("tool", "turning"), [(0.0, 0.0), (0.8, 0.3)], ids=["axle", "tool"])
+def test_a_leading_tractor_keeps_the_working_point_on_the_line(hitch, tool, turning):
+    """A lane change of 2 m; the tractor's own path is beside it."""
+    line = Path(
+        (
+            Segment(12.0, 0.0, 0.0),
+            Segment(4.0, 0.0, 0.08),
+            Segment(8.0, 0.08, -0.08),
+            Segment(4.0, -0.08, 0.0),
+            Segment(15.0, 0.0, 0.0),
+        )
+    )
+    vehicle = replace(PLAIN, hitch_offset=hitch, tool_behind=tool, trailer_turning_offset=turning)
+    path = leading_path(line, vehicle, 0.05, lambda path: is_comfortable(path, vehicle, 1.0))
+    reference = Reference(path, vehicle, ConstantSpeed(1.0))
+    sample = reference.at(np.linspace(3.0, reference.duration_s - 1.0, 400))
+    yaw = sample.state[:, State.PSI_I]
+    point = sample.trailer_xy - tool * np.column_stack([np.cos(yaw), np.sin(yaw)])
+    dense = line.pose(np.arange(-4.0, line.length_m + 4.0, 0.005))[:, :2]
+
+    def beside(places):
+        return max(np.hypot(*(dense - place).T).min() for place in places)
+
+    assert beside(point) < 0.01
+    assert beside(sample.state[:, :2]) > 0.05
+
+
+def test_a_trailer_with_steering_leads_itself():
+    with pytest.raises(InvalidPath, match="steers up to 25 deg"):
+        check_plain(VEHICLE)

@@ -149,6 +149,21 @@ def test_an_input_that_later_bounds_would_strand_is_not_allowed():
     np.testing.assert_allclose(bounds.lower[:, 0], -bounds.upper[:, 0])
 
 
+@pytest.mark.parametrize("moves", [1, 2])
+def test_where_no_later_plan_exists_the_bounds_of_the_stage_itself_remain(moves):
+    """One input, steps of 1: from tick 6 on it must be 4 at least, and before 1 at most."""
+    stages, jump = 12, 6
+    later = np.arange(stages)[:, None] >= jump
+    lower = np.where(later, 4.0, -1.0)
+    upper = np.where(later, 5.0, 1.0)
+    step = np.ones((stages, 1))
+    none = np.zeros((moves, stages, 1))
+    bounds = horizon_bounds(StageBounds(lower, upper, -step, step), none, none, moves)
+    assert bounds.lower[jump - 1, 0] == -1.0
+    assert bounds.upper[jump - 1, 0] == 1.0
+    assert np.all(bounds.lower <= bounds.upper)
+
+
 TUBES = {
     "window": along().tube,
     "box": along(replace(DESIGN, disturbance=STEP)).tube,

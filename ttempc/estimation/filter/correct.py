@@ -198,7 +198,8 @@ def _correct_derivative(
     e_1 = w.whitened[0]
     e_2 = w.whitened[1]
 
-    # D = [[d_11, d_21], [d_21, d_22]] and s
+    # s = L^-1 slope, and D = L^-1 M L^-T = [[d_11, d_21], [d_21, d_22]] column by column, with
+    # M = [[spread_0, spread_1], [spread_1, spread_2]]
     d_11 = w.spread[0, level] / root / root
     d_21 = 0.0
     d_22 = 0.0

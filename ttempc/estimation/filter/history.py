@@ -110,6 +110,12 @@ def newest_snapshot(memory: FilterMemory) -> FloatArray:
 
 
 @cached_njit(error_model="numpy")
+def spare_snapshot(memory: FilterMemory) -> FloatArray:
+    """Return the row outside the ring: the prediction to now, or the state kept over a gap."""
+    return memory.snapshots[len(memory.snapshots) - 1]
+
+
+@cached_njit(error_model="numpy")
 def copy_row(source: FloatArray, target: FloatArray) -> None:
     """Copy a row of any length."""
     for i in range(len(target)):

@@ -39,6 +39,7 @@ from .history import (
     newest_snapshot,
     place_of,
     snapshot_at,
+    spare_snapshot,
 )
 from .predict import predict_until
 from .records import DISTURBANCES, FILTER, SAME_TIME_S, SNAPSHOT
@@ -97,11 +98,12 @@ def observe_filter(
     # Process what is new, and drop what no late sample can need
     oldest_s = earliest_s
     present = local((SENSOR_COUNT,))
-    newest = memory.snapshots[len(memory.snapshots) - 1]
+    newest = spare_snapshot(memory)
     if h.snapshots > 0:
         newest = _process_samples(parameters, memory, since_s, innovations)
         forget_snapshots(memory, earliest_s)
-        if record(newest, SNAPSHOT).time_s < earliest_s:  # no sample may come before
+        # Nothing older can arrive: the snapshot itself moves on, so that later ticks predict less.
+        if record(newest, SNAPSHOT).time_s < earliest_s:
             predict_until(parameters, newest, memory.commands, h.commands, earliest_s)
         oldest_s = min(earliest_s, record(snapshot_at(memory, 0), SNAPSHOT).time_s)
     forget_samples(memory, oldest_s, present)
@@ -136,7 +138,7 @@ def _leave_after_gap(
     if not (set_back or gap):
         return
     if h.snapshots > 0:
-        spare = memory.snapshots[len(memory.snapshots) - 1]
+        spare = spare_snapshot(memory)
         copy_row(newest_snapshot(memory), spare)
         _fade_disturbances(parameters, spare, abs(now_s - newest_s))
         h.resumes = 1
@@ -387,7 +389,7 @@ def _write_present(
     h = record(memory.history, HISTORY)
     present = newest
     if now_s - record(newest, SNAPSHOT).time_s > SAME_TIME_S:
-        present = memory.snapshots[len(memory.snapshots) - 1]
+        present = spare_snapshot(memory)
         copy_row(newest, present)
         predict_until(parameters, present, memory.commands, h.commands, now_s)
     write_snapshot(parameters, present, estimate)

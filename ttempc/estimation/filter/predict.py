@@ -147,7 +147,8 @@ def _propagate_covariances(
 ) -> None:
     """Write Phi P Phi' over each P, and Phi dx over the derivatives dx of the state.
 
-    With U = [A B] P, the upper rows of Phi P,
+    Phi = [[A, B], [0, F]]: the first 7 rows move the states, F is the diagonal fading of the 17
+    disturbances and offsets. P_22 is their block of P. With U = [A B] P, the upper rows of Phi P,
 
         Phi P Phi' = [[[A B] U', U_2 F], [F U_2', F P_22 F]],   U_2: last 17 columns of U.
 
@@ -245,9 +246,10 @@ def acting(
     Of the rows `commands` (n, `COMMAND_SIZE`) the first `count` are in use. The first one was sent
     before its period, too. Each input acts its own dead time later (`Vehicle.dead_times`).
     """
+    f = record(parameters, FILTER)
     until_s = math.inf
     for j in range(INPUTS):
-        dead_time = parameters[VehicleParameter.DEAD_TIME_T + j]
+        dead_time = f.vehicle[VehicleParameter.DEAD_TIME_T + j]
         n = 0
         while n < count - 1 and commands[n, END] + dead_time <= time_s + SAME_TIME_S:
             n += 1

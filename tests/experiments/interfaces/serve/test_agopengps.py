@@ -6,8 +6,8 @@ import struct
 import numpy as np
 import pytest
 from proving_ground.experiments.interfaces.serve import agopengps as frames
-from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol
-from proving_ground.experiments.interfaces.serve.link import Refused, TickData
+from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol, Dialect
+from proving_ground.experiments.interfaces.serve.link import Refused, RunFacts, TickData
 
 from ttempc import Vehicle, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -30,13 +30,118 @@ def steering_frame(angle_deg, engaged):
 def test_the_steering_frame_of_the_documentation_is_read():
     """An angle to the left is negative there and positive here; off is no command."""
     assert steering_frame(12.34, True) == STEER_RIGHT
-    protocol = AgOpenGpsProtocol()
+    protocol = AgOpenGpsProtocol(Dialect.AGOPENGPS)
     assert protocol.receive(steering_frame(5.0, False)).command is None
     assert not protocol.ready
     left = protocol.receive(steering_frame(-20.0, True)).command
     assert left.delta_t == pytest.approx(math.radians(20.0))
     assert protocol.receive(STEER_RIGHT).command.delta_t == pytest.approx(-math.radians(12.34))
     assert protocol.ready
+
+
+def web_frame(status, angle_deg=0.0, cross_cm=0):
+    """Return PGN 254 as `BuildAutoSteerPgn` of AgOpenWeb makes it."""
+    data = struct.pack("<HBhbBB", 54, status, round(100.0 * angle_deg), cross_cm, 0, 0)
+    return frames.frame(0x7F, 254, data)
+
+
+# Bits of AgOpenWeb: 1 steer switch, 2 work switch, 4 engaged, 8 GNSS valid, 16 guidance valid.
+@pytest.mark.parametrize("status", [0x00, 0x01, 0x08, 0x09, 0x0B, 0x18, 0x19, 0x1B])
+@pytest.mark.parametrize("dialect", [None, Dialect.AGOPENWEB], ids=["by frames", "by option"])
+def test_agopenweb_starts_nothing_while_it_is_not_engaged(status, dialect):
+    protocol = AgOpenGpsProtocol(dialect)
+    for _ in range(200):
+        received = protocol.receive(web_frame(status, 20.0))
+        assert received.command is None
+        assert received.released
+    assert not protocol.ready
+
+
+def test_agopenweb_steers_while_it_is_engaged_with_or_without_its_switch():
+    for status in (0x1C, 0x1D, 0x1F):
+        protocol = AgOpenGpsProtocol()
+        protocol.receive(web_frame(0x08))
+        command = protocol.receive(web_frame(status, -10.0, cross_cm=-12)).command
+        assert protocol.ready
+        assert command.delta_t == pytest.approx(math.radians(10.0))
+        assert protocol.receive(web_frame(0x19, -10.0)).released
+        assert protocol.receive(web_frame(status)).command is not None
+    test_of_the_motor = AgOpenGpsProtocol()  # its free drive: engaged, without GNSS and guidance
+    assert test_of_the_motor.receive(web_frame(0x05, 10.0)).command is None
+    assert not test_of_the_motor.ready
+
+
+def test_agopengps_is_known_by_its_status_and_starts_when_its_button_is_pressed():
+    """One that is on when it is first heard may be AgOpenWeb, whose bit 0 is our own switch."""
+    protocol = AgOpenGpsProtocol()
+    protocol._start = [0.0, 0.0, 0.0]
+    for _ in range(60):
+        protocol.standing()
+        assert protocol.receive(steering_frame(5.0, True)).command is None
+    assert protocol.peer_name == "AgOpenGPS"
+    assert protocol.receive(steering_frame(5.0, False)).command is None
+    assert protocol.receive(steering_frame(5.0, True)).command is not None
+    assert protocol.ready
+
+
+def test_positions_have_the_form_of_the_dialect_and_both_while_it_is_unknown():
+    unknown, web = AgOpenGpsProtocol(), AgOpenGpsProtocol(Dialect.AGOPENWEB)
+    gps = AgOpenGpsProtocol(Dialect.AGOPENGPS)
+    kinds = {}
+    for protocol in (unknown, web, gps):
+        protocol._start = [1.0, 2.0, 0.5]
+        sent = [*protocol.standing(), *protocol.standing()]
+        kinds[protocol] = [part[:6] if part[:1] == b"$" else part[3] for part in sent]
+    assert kinds[unknown] == [253, 253, 214, b"$PAOGI"]
+    assert kinds[web] == [253, 253, b"$PAOGI"]
+    assert kinds[gps] == [253, 253, 214]
+
+
+def test_the_switches_are_open_in_the_sense_of_each_program():
+    """AgOpenGPS: both low when closed. AgOpenWeb: work switch inverted, steer switch not."""
+    for dialect, switches in ((Dialect.AGOPENGPS, 0b11), (Dialect.AGOPENWEB, 0b01)):
+        protocol = AgOpenGpsProtocol(dialect)
+        protocol._start = [0.0, 0.0, 0.0]
+        (status,) = protocol.standing()
+        assert status[11] == switches
+
+
+def read_paogi(sentence):
+    """Return latitude, longitude, speed [m/s], heading, roll as NmeaParserServiceFast.cs does."""
+    body, _, checksum = sentence[1:].partition(b"*")
+    total = 0
+    for byte in body:
+        total ^= byte
+    assert int(checksum[:2], 16) == total
+    fields = body.decode().split(",")
+    assert fields[0] == "PAOGI"
+    assert len(fields) >= 15
+
+    def angle(text, letter):
+        point = text.index(".") - 2
+        degrees = float(text[:point]) + float(text[point:]) / 60.0
+        return -degrees if letter in "SW" else degrees
+
+    place = angle(*fields[2:4]), angle(*fields[4:6])
+    return *place, 0.514444 * float(fields[11]), float(fields[12]), float(fields[13])
+
+
+@pytest.mark.parametrize("place", [(50.86, 4.68), (-37.1234567891, -179.999999999), (0.0, -0.5)])
+def test_a_sentence_keeps_the_position_to_a_tenth_of_a_millimetre(place):
+    sentence = frames.paogi_sentence(3723.45, *place, 370.25, 3.6, -2.5)
+    assert sentence.startswith(b"$PAOGI,010203.45,")
+    latitude, longitude, speed, heading, roll = read_paogi(sentence)
+    assert (latitude, longitude) == pytest.approx(place, abs=1e-9)
+    assert speed == pytest.approx(1.0, abs=1e-3)
+    assert (heading, roll) == (10.25, -2.5)
+
+
+def test_a_scan_finds_the_module_at_the_address_of_the_session():
+    protocol = AgOpenGpsProtocol()
+    protocol.host = "192.168.5.126"
+    (reply,) = protocol.receive(bytes([0x80, 0x81, 0x7F, 202, 3, 202, 202, 5, 0x47])).replies
+    assert len(reply) == 13  # as AgIO and `TryParseScanReply` ask for
+    assert list(reply[2:12]) == [126, 203, 7, 192, 168, 5, 126, 192, 168, 5]
 
 
 def test_the_hello_of_agio_is_answered_as_its_simulated_module_does():
@@ -98,12 +203,14 @@ def local_plane(latitude, longitude, origin):
 
 
 def test_samples_arrive_in_the_plane_of_agopengps():
-    origin = (50.86, 4.68)
-    protocol = AgOpenGpsProtocol(origin)
+    origin = (44.97, -93.26)
+    vehicle = Vehicle()
+    reference = Reference(straight(20.0), vehicle, ConstantSpeed(1.0))
+    protocol = AgOpenGpsProtocol(Dialect.AGOPENGPS)
+    protocol.begin(RunFacts("grass", 1, 0.2, 100, False, vehicle, origin), reference)
     vector = np.zeros(7)
     vector[State.PSI_T] = math.radians(120.0)
     estimate = Estimate(1.0, vector, np.zeros((7, 7)), np.zeros(2), 0.0)
-    vehicle = Vehicle()
     data = TickData(
         k=5,
         time_s=1.0,
@@ -114,7 +221,7 @@ def test_samples_arrive_in_the_plane_of_agopengps():
             Measurement(1.0, Sensor.IMU_TRACTOR, (0.1, math.radians(3.0), 0.0)),
         ],
         estimate=estimate,
-        reference=Reference(straight(20.0), vehicle, ConstantSpeed(1.0)),
+        reference=reference,
         reference_tick=5,
     )
     status, position = protocol.period(data)

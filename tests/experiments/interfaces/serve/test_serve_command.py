@@ -11,7 +11,7 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.interfaces.serve.link import Link
 from proving_ground.experiments.interfaces.serve.session import RemoteController
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 LOCAL = ("127.0.0.1", 0)
 PATIENCE_S = 30.0  # of tests, so that none hangs
 

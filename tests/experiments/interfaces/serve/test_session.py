@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 import pytest
 from proving_ground.experiments.errors import ServeError
-from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol
+from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol, Dialect
 from proving_ground.experiments.interfaces.serve.json_protocol import JsonProtocol
 from proving_ground.experiments.interfaces.serve.link import Link, Trouble
 from proving_ground.experiments.interfaces.serve.session import (
@@ -28,7 +28,11 @@ from proving_ground.testbed.geodesy import MapFrame
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 
-from tests.experiments.interfaces.serve.test_agopengps import steering_frame
+from tests.experiments.interfaces.serve.test_agopengps import (
+    read_paogi,
+    steering_frame,
+    web_frame,
+)
 
 LOCAL = ("127.0.0.1", 0)
 HELLO = b'{"type":"hello","version":1,"name":"test","reference":1,"estimate":true}'
@@ -83,9 +87,19 @@ def follow(datagram, **changes):
     return [json.dumps(command | {"delta_i_rad": 0.0} | changes).encode()]
 
 
-def drive(answer, protocol=None, *, length_m=6.0, first=(HELLO,), settings=None, beside=None):
+def drive(
+    answer,
+    protocol=None,
+    *,
+    length_m=6.0,
+    first=(HELLO,),
+    settings=None,
+    beside=None,
+    rates=(),
+):
     """Return record, outcome, counts and session of a straight drive with a peer."""
-    _, scenario = load("pavement", [f"path={{kind='straight', length_m={length_m}}}", *FLAT])
+    path = f"path={{kind='straight', length_m={length_m}}}"
+    _, scenario = load("pavement", [*rates, path, *FLAT])
     scenario = replace(scenario, controller=replace(scenario.controller, options={}))
     settings = settings or SessionSettings(lockstep=True, wait_s=PATIENCE_S)
     with Link(LOCAL) as link, contextlib.ExitStack() as stack:
@@ -263,7 +277,7 @@ def test_who_does_not_steer_does_not_own_the_session():
             other.sendto(off, address)
             yield
 
-    off, protocol = steering_frame(0.0, False), AgOpenGpsProtocol()
+    off, protocol = steering_frame(0.0, False), AgOpenGpsProtocol(Dialect.AGOPENGPS)
     _, outcome, *_ = drive(AgOpenGps(0.1), protocol, first=(off,), beside=squatter)
     assert outcome.status == "completed"
 
@@ -272,7 +286,8 @@ def test_agopengps_steers_onto_a_line_of_its_own_beside_the_path():
     offset_m = 0.8
     guidance = AgOpenGps(offset_m)
     off = steering_frame(0.0, False)
-    record, outcome, counts, _ = drive(guidance, AgOpenGpsProtocol(), length_m=16.0, first=(off,))
+    protocol = AgOpenGpsProtocol(Dialect.AGOPENGPS)
+    record, outcome, counts, _ = drive(guidance, protocol, length_m=16.0, first=(off,))
     assert outcome.status == "completed"
     assert set(counts) <= {Trouble.REPEATED}  # of a peer that is kept waiting
     state = record.tables[STATE.topic]
@@ -281,3 +296,82 @@ def test_agopengps_steers_onto_a_line_of_its_own_beside_the_path():
     waited = guidance.positions[: STANDS + 1]  # at the start, until the button was on
     assert waited == pytest.approx([0.0] * len(waited), abs=1e-9)
     assert guidance.positions[STANDS + 1] != 0.0  # measured, with noise
+
+
+class AgOpenWeb:
+    """Stand-in of AgOpenWeb: engages, disengages for some time, and engages again.
+
+    It answers every status of the module with PGN 254, and steers along its course by the
+    positions of `$PAOGI` alone. `status(k)` is that of its k-th answer.
+    """
+
+    def __init__(self, status):
+        self.status, self.answers, self.sentences = status, 0, []
+
+    def __call__(self, datagram):
+        if datagram[:1] == b"$":
+            self.sentences.append(read_paogi(datagram))
+            return []
+        if datagram[3] != 253:
+            return []
+        self.answers += 1
+        return [web_frame(self.status(self.answers), 0.0)]
+
+
+def disengaged_between(first, last):
+    """Return the status of answers: idle at first, then engaged, not from `first` to `last`."""
+
+    def status(answer):
+        if answer < STANDS:
+            return 0x09  # its switch is on and its GNSS valid
+        return 0x19 if first <= answer < last else 0x1D
+
+    return status
+
+
+def test_the_vehicle_stops_within_a_fifth_of_a_second_of_disengaging_and_drives_on_after_it():
+    """At 20 Hz on the clock; answers 60 to 160 after the start are not engaged."""
+    guidance = AgOpenWeb(disengaged_between(60, 160))
+    settings = SessionSettings(speed=1.0, wait_s=PATIENCE_S)
+    record, outcome, _, session = drive(
+        guidance,
+        AgOpenGpsProtocol(),
+        length_m=8.0,
+        first=(web_frame(0x00),),
+        settings=settings,
+        rates=AgOpenGpsProtocol.defaults,
+    )
+    assert outcome.status == "completed"
+    assert session._protocol.peer_name == "AgOpenWeb"
+    assert guidance.sentences
+    (stop_s,) = [one.time_s for one in record.events if "disengaged over UDP: stop" in one.text]
+    released_s = 0.05 * (60 - STANDS)  # an answer a tick
+    assert released_s - 0.2 <= stop_s <= released_s + 0.2
+    state = record.tables[STATE.topic]
+    assert np.abs(state["v_mps"]).min() < 0.05  # it stood
+    assert state["v_mps"][-1] > 0.5  # it has driven on
+
+
+def test_the_vehicle_stops_within_a_fifth_of_a_second_of_silence():
+    def status(answer):
+        return 0x09 if answer < STANDS else 0x1D
+
+    class Silent(AgOpenWeb):
+        def __call__(self, datagram):
+            answer = super().__call__(datagram)
+            return [] if 60 <= self.answers < 160 else answer
+
+    guidance = Silent(status)
+    settings = SessionSettings(speed=1.0, wait_s=PATIENCE_S)
+    record, outcome, *_ = drive(
+        guidance,
+        AgOpenGpsProtocol(),
+        length_m=8.0,
+        first=(web_frame(0x00),),
+        settings=settings,
+        rates=AgOpenGpsProtocol.defaults,
+    )
+    assert outcome.status == "completed"
+    (stop_s, *_) = [one.time_s for one in record.events if "no command over UDP" in one.text]
+    silent_s = 0.05 * (60 - STANDS)
+    assert silent_s - 0.2 <= stop_s <= silent_s + 0.2

@@ -33,6 +33,45 @@ def test_every_combination_of_listed_values_is_a_run_under_every_seed(tmp_path):
     assert plan.size == len(expected)
 
 
+VARIANTS = """
+[[axis]]
+kind = "variants"
+name = "parts"
+[axis.values."as it is"]
+[axis.values."soft, slow"]
+soil.cone_index_kpa = 300.0
+path.speed_mps = 0.5
+"""
+
+
+def test_variants_are_named_sets_of_changes_whose_label_is_a_column(tmp_path):
+    plan = plan_of(tmp_path, SHORT, VARIANTS, CONTROLLERS)
+    assert plan.size == 4
+    first, last = plan[0].setting, plan[3].setting
+    assert [first.axes["parts"], last.axes["parts"]] == ["as it is", "soft, slow"]
+    assert last.scenario.soil.cone_index_kpa == 300.0
+    assert last.scenario.path.speed_mps == 0.5
+    assert first.scenario.path.speed_mps != 0.5
+    assert last.scenario.controller.name == "feedforward"
+    again = tmp_path / "again.toml"
+    again.write_text(plan.study.dump())
+    assert load_study(str(again))[1] == plan.study
+
+
+@pytest.mark.parametrize(
+    ("axis", "text"),
+    [
+        (VARIANTS.replace("parts", "controller"), "controller"),
+        (VARIANTS.replace("parts", "a.b"), "name"),
+        (VARIANTS.replace("soil.", "sol."), "sol"),
+        (VARIANTS + VARIANTS, "two axes move parts"),
+    ],
+)
+def test_invalid_variants_are_refused(axis, text, tmp_path):
+    with pytest.raises(InvalidStudy, match=text):
+        plan_of(tmp_path, SHORT, axis).extent()
+
+
 def test_a_latin_hypercube_has_one_point_in_every_slice_of_every_axis(tmp_path):
     keys = ("sensors.gnss_sd_m", "sensors.angle_sd_deg")
     plan = plan_of(tmp_path, "samples = 20", SHORT, drawn("latin-hypercube", *keys))

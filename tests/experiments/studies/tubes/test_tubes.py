@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFit
+from proving_ground.experiments.pictures.report.run_page import write_page
 from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.tracking_errors import QUANTITIES, Containment, containment
 from proving_ground.experiments.run.assembly import check
-from proving_ground.experiments.run.simulate import run, simulate
+from proving_ground.experiments.run.run_folder import run
+from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.plant import PAPER_PERIOD_S
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
@@ -223,7 +225,7 @@ def test_a_run_stays_in_its_tube_and_one_run_is_too_few_for_a_fit(tmp_path, caps
     finished = run(name, scenario, 5, tmp_path / "run")
     assert asdict(finished.summary)["tube"]["contained_fraction"] == 1.0
     assert len(finished.record[TUBE]) == len(finished.record[CONTROL])
-    assert finished.files["tube"].exists()
+    assert write_page(finished).files["tube"].exists()
     assert len(read_runs([tmp_path], fit_run)) == 1
     out = tmp_path / "tube.json"
     fit, laps = ["fit", "tube"], ["fit", "tube", "--laps-coverage", "0.95", str(tmp_path)]

@@ -78,5 +78,5 @@ def lost(group: pd.DataFrame) -> str:
 
 
 def slash(values: Iterable[float]) -> str:
-    """Return numbers, such as those of tractor and trailer [m], beside each other [cm]."""
+    """Return numbers [m], such as errors of tractor and trailer, beside each other [cm]."""
     return " / ".join(f"{100.0 * value:.1f}" for value in values)
