@@ -198,6 +198,8 @@ def condense(
 # Longest classical Runge-Kutta step over the shortest lag: over a horizon of four seconds both axle
 # points then stay within a millimetre of much finer steps, which a test checks.
 _STEP_PER_LAG: Final = 0.75
+# The same of a problem of the trailer alone, whose steering moves its axle point less.
+_STEP_PER_TRAILER_LAG: Final = 1.0
 
 
 def articulated_model(vehicle: Vehicle, period_s: float, block: Block = WHOLE) -> Model:
@@ -205,10 +207,15 @@ def articulated_model(vehicle: Vehicle, period_s: float, block: Block = WHOLE) -
 
     The outputs are reference less axle points in the frames of the reference [m], those of the
     block; the targets are the reference's x, y, psi of the tractor, then of the trailer. Only what
-    depends on the block's inputs is derived, and only bodies that its outputs need are moved.
+    depends on the block's inputs is derived, and only bodies that its outputs need are moved. The
+    trailer alone is moved in as many or fewer steps, whose number divides that of its tractor.
     """
     shortest_lag = min(vehicle.steering_lag_t, vehicle.steering_lag_i)
     count = math.ceil(period_s / (_STEP_PER_LAG * shortest_lag))
+    if not block.tractor:
+        enough = period_s / (_STEP_PER_TRAILER_LAG * vehicle.steering_lag_i)
+        divisors = (number for number in range(1, count) if count % number == 0)
+        count = next((number for number in divisors if number >= enough), count)
     return Model(ARTICULATED, vehicle_parameters(vehicle), period_s, count, block)
 
 
@@ -358,6 +365,9 @@ def advance_period(
     first_row = 0 if block.tractor else _TRACTOR_ROWS
     last_row = _N if block.trailer else _TRACTOR_ROWS
 
+    end = len(motion) - 1
+    every = end // (_STAGES * model.substeps)
+
     # Sums over whole rows in one loop each: columns of another body stay 0.
     low = first_row * _COLUMNS
     high = last_row * _COLUMNS
@@ -380,7 +390,7 @@ def advance_period(
             stage_flat[i] = given[i]
             total_flat[i] = 0.0
         for k in range(_STAGES):
-            heading = motion[_STAGES * n + k]
+            heading = motion[_motion_row(n, k, every)]
             if block.tractor:
                 tractor_rate(stage, stage_slope, inputs, disturbance, parameters, rate, slope)
                 heading[0] = stage[Row.PSI_T]
@@ -406,7 +416,20 @@ def advance_period(
             state[i] += total[i]
         for i in range(low, high):
             given[i] += total_flat[i]
-    _share_pose(motion[_STAGES * model.substeps], block, state)
+    _share_pose(motion[end], block, state)
+
+
+@cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
+def _motion_row(step: int, stage: int, every: int) -> int:
+    """Return the row of `new_motion` at a stage of a step which is `every` steps of the motion."""
+    start = _STAGES * every * step
+    if stage == 0:
+        return start
+    if stage == _STAGES - 1:
+        return start + _STAGES * every - 1
+    if every % 2 == 0:
+        return start + _STAGES * (every // 2)
+    return start + _STAGES * (every // 2) + stage
 
 
 @cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")

@@ -136,7 +136,7 @@ def test_a_trailer_that_knows_its_tractors_motion_steers_as_in_the_whole_problem
     whole, known, kept = (
         light_move(name)[1] for name in ("nmpc", "nmpc-distributed", "nmpc-decentralised")
     )
-    assert known == pytest.approx(whole, abs=1e-5)
+    assert known == pytest.approx(whole, abs=5e-5)  # its Runge-Kutta steps are longer
     assert abs(whole) < 0.1  # within the bounds
     assert abs(kept - whole) > 1e-4  # it takes its tractor to keep its distance
 
