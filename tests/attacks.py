@@ -35,7 +35,7 @@ from gymnasium.error import Error
 from proving_ground.experiments.commands.cli import main as ttempc
 from proving_ground.experiments.errors import ExperimentError
 from proving_ground.experiments.interfaces.gym_env.environment import FieldTrial
-from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol, frame
+from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol, Dialect, frame
 from proving_ground.experiments.interfaces.serve.session import SessionSettings
 from proving_ground.experiments.papers.markdown import markdown
 from proving_ground.experiments.run.simulate import simulate
@@ -549,8 +549,9 @@ def peers(folder):
     def driven(beside=None, change=lambda k, made: made, **pace):
         line, ticks = test_session.AgOpenGps(0.1), count()
         return test_session.drive(
-            lambda datagram: change(next(ticks), line(datagram)), AgOpenGpsProtocol(), first=(off,),
-            beside=beside, settings=SessionSettings(wait_s=5.0, **pace or {"lockstep": True}),
+            lambda datagram: change(next(ticks), line(datagram)),
+            AgOpenGpsProtocol(Dialect.AGOPENGPS), first=(off,), beside=beside,
+            settings=SessionSettings(wait_s=5.0, **pace or {"lockstep": True}),
         )  # fmt: skip
 
     def squatted(payloads, sockets, again):

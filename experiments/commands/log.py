@@ -131,7 +131,8 @@ def import_(arguments: argparse.Namespace) -> int:
     from ..scenario.scenario import load
 
     mapping = read_map(arguments.map)
-    name, scenario = arguments.source.stem, None
+    name = arguments.source.stem
+    scenario = None
     if arguments.scenario:
         name, scenario = load(arguments.scenario)
     imported = import_log(

@@ -80,7 +80,8 @@ class PipelineRecipe:
 
     def _make_for(self, vehicle: Vehicle, reference: Reference) -> Controller:
         """Return the controller of a name or a factory."""
-        given, options = self.controller, self.settings.options
+        given = self.controller
+        options = self.settings.options
         if isinstance(given, str):
             tube = self.settings.tube
             return make_controller(given, vehicle, reference, self.period_s, tube, options)

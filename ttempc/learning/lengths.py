@@ -498,8 +498,9 @@ def likely_lengths(
     weak = np.diag(lengths**-2.0)  # where a direction is not excited
     for _ in range(_MOST_LIKELY_STEPS):
         _, normal, gradients, _ = data.run(_with_lengths(vehicle, lengths))
-        normal, gradients = normal[:_N, :_N] + weak, gradients[:, :_N]
-        step = -np.linalg.solve(normal, gradients.sum(axis=0))
+        information = normal[:_N, :_N] + weak
+        gradient = gradients[:, :_N].sum(axis=0)
+        step = -np.linalg.solve(information, gradient)
         step = np.clip(step, -_LARGEST_STEP * lengths, _LARGEST_STEP * lengths)
         lengths = lengths + step
         if step @ normal @ step < _CONVERGED_SD**2:

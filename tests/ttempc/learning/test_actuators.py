@@ -116,6 +116,23 @@ def test_backlash_does_not_pass_for_dead_time():
             assert fit.backlash == pytest.approx(backlash, rel=0.3)
 
 
+@pytest.mark.parametrize("unit", [1e-7, 1e7])
+def test_the_fit_of_the_hydrostat_does_not_depend_on_the_unit_of_its_command(unit):
+    """Its gain is fitted too."""
+    window = drive(2, (0.0, 0.0, 0.3))
+    in_unit = [
+        tick
+        if tick.command is None
+        else replace(tick, command=replace(tick.command, hp=unit * tick.command.hp))
+        for tick in window
+    ]
+    expected = fitted(window, Input.HP)
+    fit = fitted(in_unit, Input.HP)
+    assert fit.dead_time == pytest.approx(expected.dead_time, abs=1e-6)
+    assert fit.lag == pytest.approx(expected.lag, rel=1e-6)
+    assert fit.dead_time_sd == pytest.approx(expected.dead_time_sd, rel=1e-3)
+
+
 def test_a_wrong_lag_is_corrected_and_its_reason_told():
     result = ActuatorIdentifier().identify(
         drive(3, (0.2, 0.0, 0.0), lags=(0.5, 0.2, 2.05), seconds=60.0), VEHICLE

@@ -12,7 +12,8 @@ from tests.ttempc.exact_qp import exact_minimum, residuals
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, qp_of, random_qp, stages
 from ttempc.errors import MissingPackage
 from ttempc.mpc.lmpc import SOLVERS, CondensedHorizon, LinearMpc, OutputBounds, move_bounds
-from ttempc.mpc.qp import PENALTY, CheckedSolver, SoftRows
+from ttempc.mpc.qp import PENALTY, QP, CheckedSolver, SoftRows
+from ttempc.types import SolverReport
 
 
 def rolled_cost(k, state, previous, steps, rows=None):
@@ -224,6 +225,27 @@ def test_bad_input_is_reported_and_leaves_no_trace(name, kind):
     assert after.report.accepted
     assert after.report.status == before.report.status == "solved"
     np.testing.assert_allclose(after.x, before.x, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("beyond", "accepted"), [(0.0, True), (1e-9, True), (1e-4, False), (np.nan, False)]
+)
+@pytest.mark.parametrize("bound", ["row", "entry"])
+def test_a_result_beyond_its_bounds_is_refused_though_its_solver_calls_it_solved(
+    monkeypatch, beyond, accepted, bound
+):
+    class Careless:
+        def solve(self, qp, is_soft):
+            return np.array([1.0 + beyond]), SolverReport("solved", True, 3, 0.0, 0.0, 0.0)
+
+    wide, one = np.array([9.0]), np.array([1.0])
+    rows, entries = (one, wide) if bound == "row" else (wide, one)
+    qp = QP(np.eye(1), np.array([-5.0]), np.eye(1), -rows, rows, -entries, entries)
+    solver = CheckedSolver()
+    monkeypatch.setattr(solver, "_solver", Careless())
+    solution = solver.solve(qp)
+    assert solution.report.accepted == accepted
+    assert (solution.x is not None) == accepted
 
 
 def test_a_solver_that_is_not_installed_is_refused_with_the_command(monkeypatch):
