@@ -356,6 +356,7 @@ def advance_period(
     block = model.block
     parameters = model.parameters
     step_s = model.period_s / model.substeps
+    every = len(motion) // (_STAGES * model.substeps)  # steps of the motion in one of the model
     slope = slopes[0]
     stage_slope = slopes[1]
     total_slope = slopes[2]
@@ -364,9 +365,6 @@ def advance_period(
     total = rates[2]
     first_row = 0 if block.tractor else _TRACTOR_ROWS
     last_row = _N if block.trailer else _TRACTOR_ROWS
-
-    end = len(motion) - 1
-    every = end // (_STAGES * model.substeps)
 
     # Sums over whole rows in one loop each: columns of another body stay 0.
     low = first_row * _COLUMNS
@@ -416,7 +414,7 @@ def advance_period(
             state[i] += total[i]
         for i in range(low, high):
             given[i] += total_flat[i]
-    _share_pose(motion[end], block, state)
+    _share_pose(motion[len(motion) - 1], block, state)
 
 
 @cached_njit(error_model="numpy", boundscheck=False, fastmath=FAST, inline="always")
