@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Collection
-from typing import TypeGuard
 
 
 class TtempcError(Exception):
@@ -26,7 +25,7 @@ class InvalidReference(TtempcError):
 
 
 class UnknownSensor(TtempcError):
-    """The filter has no model of a sensor; the message lists the sensors that it has one of."""
+    """The filter has no model of a sensor; the message lists the sensors that it has models of."""
 
 
 class UnknownController(TtempcError):
@@ -38,30 +37,30 @@ class MissingPackage(TtempcError):
 
 
 class UnknownEstimator(TtempcError):
-    """An estimator name that is not in the table; the message lists those that are."""
+    """No estimator has this name; the message lists the names that exist."""
 
 
 class InvalidTime(TtempcError):
-    """A time stamp that is not finite or runs backwards; the message gives both times."""
+    """A time stamp is not finite or runs backwards; the message gives both times."""
 
 
 class InvalidSamples(TtempcError):
-    """Samples that are none: of another shape or sensor, or not made of numbers."""
+    """Samples have another shape or sensor than allowed, or are not numbers."""
 
 
 class GuidanceFailed(TtempcError):
-    """A controller or an estimator raised, or returned what cannot be used.
+    """A controller or an estimator raised an exception, or returned what cannot be used.
 
-    The exception of the user's code is its `__cause__`.
+    The exception of the user's code is the `__cause__` of this one.
     """
 
 
 class ControllerFailed(GuidanceFailed):
-    """A controller raised, or returned no step that could be driven and logged."""
+    """A controller raised an exception, or returned no step that can be driven and logged."""
 
 
 class EstimatorFailed(GuidanceFailed):
-    """An estimator raised, or returned no `Estimate`."""
+    """An estimator raised an exception, or returned no `Estimate`."""
 
 
 class InvalidTube(TtempcError):
@@ -83,19 +82,14 @@ def check_choice(name: str, value: object, allowed: Collection[str | int]) -> No
 
 def check_count(name: str, value: object, most: int | None = None) -> None:
     """Refuse anything but an integer from 1 to `most`."""
-    if (
-        not isinstance(value, int)
-        or isinstance(value, bool)
-        or value < 1
-        or (most is not None and value > most)
-    ):
+    if not _is_count(value, most):
         allowed = "of 1 or more" if most is None else f"from 1 to {most}"
         raise InvalidTuning(f"{name}: got {value!r}, must be an integer {allowed}")
 
 
 def check_positive(name: str, value: object, *, zero: bool = False) -> None:
     """Refuse anything but a finite number above 0, or of 0 or more where `zero`."""
-    if not (_is_finite(value) and (value > 0.0 or (zero and value == 0.0))):
+    if not _is_positive(value, zero):
         allowed = "0 or more" if zero else "above 0"
         raise InvalidTuning(f"{name}: got {value!r}, must be finite and {allowed}")
 
@@ -105,11 +99,21 @@ def check_vector(name: str, values: object, length: int, *, zero: bool = False) 
     if (
         not isinstance(values, tuple | list)
         or len(values) != length
-        or not all(_is_finite(v) and (v > 0.0 or (zero and v == 0.0)) for v in values)
+        or not all(_is_positive(value, zero) for value in values)
     ):
         allowed = "of 0 or more" if zero else "above 0"
         raise InvalidTuning(f"{name}: got {values!r}, must be {length} finite numbers {allowed}")
 
 
-def _is_finite(value: object) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _is_count(value: object, most: int | None) -> bool:
+    """Return whether a value is an integer from 1 to `most`, without a limit where that is None."""
+    if not isinstance(value, int) or isinstance(value, bool):
+        return False
+    return value >= 1 and (most is None or value <= most)
+
+
+def _is_positive(value: object, zero: bool) -> bool:
+    """Return whether a value is a finite number above 0, or of 0 or more where `zero`."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        return False
+    return value > 0.0 or (zero and value == 0.0)

@@ -5,7 +5,7 @@ from difflib import get_close_matches
 
 
 def did_you_mean(word: str, names: Iterable[str]) -> str:
-    """Return the end of a message, ` (did you mean NAME?)`, empty where no name is close.
+    """Return the end of a message, ` (did you mean NAME?)`; it is empty where no name is close.
 
     Examples:
         >>> did_you_mean("gras", ["pavement", "grass"])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,40 @@ MAX_DEAD_TIME_S: Final = 2.0
 """Longest dead time of an actuator [s]: ten control periods."""
 
 OF_TOOL: Final = frozenset({"trailer_turning_offset", "tool_behind"})
-"""Fields of `Vehicle` that are those of a tool, not of the vehicle itself."""
+"""Fields of `Vehicle` that belong to a tool, not to the vehicle itself."""
+
+_AT_LIMIT: Final = 1e-9  # [rad] or fraction: distance within which a command is at a limit
+
+
+class _Range(NamedTuple):
+    """Range of a vehicle parameter, and its text in a message."""
+
+    contains: Callable[[float], bool]  # false for NaN
+    allowed: str
+    given: str = "{}"  # format of a refused value
+
+
+_POSITIVE: Final = _Range(lambda value: 0.0 < value < math.inf, "finite and above 0")
+_DEAD_TIME: Final = _Range(
+    lambda value: 0.0 <= value <= MAX_DEAD_TIME_S, f"from 0 to {MAX_DEAD_TIME_S} s"
+)
+# Ranges of the fields of `Vehicle` that are not just `_POSITIVE`.
+_RANGES: Final = {
+    "hitch_offset": _Range(math.isfinite, "finite"),
+    "steering_limit_t": _Range(
+        lambda value: 0.0 < value < math.pi / 2, "above 0 and below pi/2", given="{:.3f} rad"
+    ),
+    "steering_limit_i": _Range(
+        lambda value: 0.0 <= value < math.pi / 2,
+        "from 0 (no steering) to below pi/2",
+        given="{:.3f} rad",
+    ),
+    "dead_time_t": _DEAD_TIME,
+    "dead_time_i": _DEAD_TIME,
+    "dead_time_hp": _DEAD_TIME,
+    "trailer_turning_offset": _Range(math.isfinite, "finite"),
+    "tool_behind": _Range(lambda value: 0.0 <= value < math.inf, "finite and 0 or above"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,29 +95,13 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            value, what = getattr(self, item.name), f"vehicle.{item.name}"
-            if item.name.startswith("dead_time"):
-                if not 0.0 <= value <= MAX_DEAD_TIME_S:
-                    raise InvalidVehicle(
-                        f"{what}: got {value}, must be from 0 to {MAX_DEAD_TIME_S} s"
-                    )
-            elif item.name in ("hitch_offset", "trailer_turning_offset"):
-                if not math.isfinite(value):
-                    raise InvalidVehicle(f"{what}: got {value}, must be finite")
-            elif item.name == "tool_behind":
-                if not 0.0 <= value < math.inf:
-                    raise InvalidVehicle(f"{what}: got {value}, must be finite and 0 or above")
-            elif item.name == "steering_limit_i":
-                if not 0.0 <= value < math.pi / 2:
-                    raise InvalidVehicle(
-                        f"{what}: got {value:.3f} rad, must be from 0 (no steering) to below pi/2"
-                    )
-            elif item.name != "reverse" and not (math.isfinite(value) and value > 0.0):
-                raise InvalidVehicle(f"{what}: got {value}, must be finite and above 0")
-        if self.steering_limit_t >= math.pi / 2:
-            raise InvalidVehicle(
-                f"vehicle.steering_limit_t: got {self.steering_limit_t:.3f} rad, must be below pi/2"
-            )
+            if item.name == "reverse":
+                continue
+            value = getattr(self, item.name)
+            allowed = _RANGES.get(item.name, _POSITIVE)
+            if not allowed.contains(value):
+                given = allowed.given.format(value)
+                raise InvalidVehicle(f"vehicle.{item.name}: got {given}, must be {allowed.allowed}")
 
     @property
     def is_plain(self) -> bool:
@@ -98,13 +116,15 @@ class Vehicle:
     def motion_per_input(self, speed_mps: float) -> FloatArray:
         """Return the motion that a unit of each input causes at a speed, (3,).
 
-        On straight motion they are the lateral acceleration v^2 / L^t of the front steering, the
-        lateral speed v d / (d + L^i) of the trailer steering, and the acceleration K / tau of the
-        hydrostat.
+        In straight motion a unit of front steering causes the lateral acceleration v^2 / L^t, of
+        trailer steering the lateral speed v d / (d + L^i), and of the hydrostat the acceleration
+        K / tau.
         """
-        trailer = self.drawbar_length / (self.drawbar_length + self.trailer_length)
-        drive = self.speed_gain / self.speed_time_constant
-        return np.array([speed_mps**2 / self.wheelbase, speed_mps * trailer, drive])
+        lateral_acceleration = speed_mps**2 / self.wheelbase
+        share = self.drawbar_length / (self.drawbar_length + self.trailer_length)
+        lateral_speed = speed_mps * share
+        acceleration = self.speed_gain / self.speed_time_constant
+        return np.array([lateral_acceleration, lateral_speed, acceleration])
 
     @property
     def dead_times(self) -> FloatArray:
@@ -133,12 +153,9 @@ class Vehicle:
         return np.array([self.steering_rate_t, self.steering_rate_i, self.hp_rate])
 
 
-_AT_LIMIT = 1e-9  # [rad] or fraction: distance within which a command is at a limit
-
-
 @dataclass(frozen=True, slots=True)
 class CommandLimits:
-    """Amplitudes of commands, and their largest change from one command to the next.
+    """Limits of commands, and of their change from one command to the next.
 
     All arrays are (3,) in the order of `Input`: [rad], [rad] and a fraction.
 
@@ -164,20 +181,24 @@ class CommandLimits:
 
     def holds(self, command: FloatArray, previous: FloatArray) -> NDArray[np.bool_]:
         """Return where `command` (3,) is at an amplitude or rate limit from `previous` (3,)."""
-        lowest = np.maximum(self.lower, previous - self.step) + _AT_LIMIT
-        highest = np.minimum(self.upper, previous + self.step) - _AT_LIMIT
-        return (command <= lowest) | (command >= highest)
+        lowest, highest = self._range_from(previous)
+        return (command <= lowest + _AT_LIMIT) | (command >= highest - _AT_LIMIT)
 
     def apply(
         self, desired: FloatArray, previous: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the allowed command (3,) nearest to `desired` (3,), and where it differs (3,).
 
-        An entry of `desired` that is not finite is replaced by that of `previous` (3,), the command
-        of one period before, which must be within the amplitudes.
+        `previous` (3,) is the command of one period before. It must be within the amplitudes. It
+        replaces an entry of `desired` that is not finite.
         """
         finite = np.where(np.isfinite(desired), desired, previous)
-        lowest = np.maximum(self.lower, previous - self.step)
-        highest = np.minimum(self.upper, previous + self.step)
+        lowest, highest = self._range_from(previous)
         command = np.minimum(np.maximum(finite, lowest), highest)
         return command, command != desired
+
+    def _range_from(self, previous: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the smallest and the largest command one period after `previous`, (3,) each."""
+        lowest = np.maximum(self.lower, previous - self.step)
+        highest = np.minimum(self.upper, previous + self.step)
+        return lowest, highest

@@ -1,4 +1,7 @@
-"""Record of the samples and commands of the last control ticks: arrays, seen as a sequence."""
+"""Record of the samples and commands of the last control ticks.
+
+The record is kept in arrays. A `Window` shows them as a sequence of `RecordedTick`.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +16,18 @@ import numpy as np
 from ..layout import SAMPLE, measurements_of, sample_rows
 from ..types import Command, FloatArray, Measurement
 
-# Columns of a tick
+# Columns of a recorded tick.
 TIME: Final = 0  # [s]
 COMMAND: Final = slice(1, 4)  # of the period before, NaN where there was none
 HEADINGS: Final = slice(4, 6)  # estimated yaw of tractor and trailer [rad]
-SAMPLES: Final = 6  # number of samples up to the end of the tick
-_TICK: Final = 7
+SAMPLES: Final = 6  # number of all samples of the window up to the end of the tick
+_TICK: Final = 7  # number of columns
 _NO_COMMAND: Final = np.full(3, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedTick:
-    """What an estimator received at one control tick."""
+    """Samples and command that an estimator received at one control tick."""
 
     time_s: float
     samples: tuple[Measurement, ...]  # in the order of arrival
@@ -33,7 +36,7 @@ class RecordedTick:
 
 
 class Window(Sequence[RecordedTick]):
-    """Recorded ticks, oldest first; an entry is made of the arrays when someone looks at it.
+    """Recorded ticks, oldest first. An entry is made from the arrays when it is read.
 
     Args:
         ticks: (n, 7), see `TIME`, `COMMAND`, `HEADINGS`, `SAMPLES`.
@@ -64,13 +67,14 @@ class Window(Sequence[RecordedTick]):
     def __getitem__(self, index: slice) -> list[RecordedTick]: ...
     def __getitem__(self, index: int | slice) -> RecordedTick | list[RecordedTick]:
         if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        index = range(len(self))[index]
-        time_s, *command, psi_t, psi_i, end = self.ticks[index].tolist()
-        begin = self.ticks.item(index - 1, SAMPLES) if index else 0
+            return [self[position] for position in range(*index.indices(len(self)))]
+
+        position = range(len(self))[index]  # from 0, also of a negative index
+        time_s, *entries, psi_t, psi_i, end = self.ticks[position].tolist()
+        begin = self.ticks.item(position - 1, SAMPLES) if position > 0 else 0
         samples = measurements_of(self.samples[int(begin) : int(end)])
-        known = Command(*command) if command[0] == command[0] else None
-        return RecordedTick(time_s, tuple(samples), known, (psi_t, psi_i))
+        command = None if math.isnan(entries[0]) else Command(*entries)
+        return RecordedTick(time_s, tuple(samples), command, (psi_t, psi_i))
 
 
 class Recorder:
@@ -78,7 +82,7 @@ class Recorder:
 
     def __init__(self, memory: int) -> None:
         self._ticks: deque[tuple[list[float], FloatArray]] = deque(maxlen=memory)
-        self.count = 0  # of all ticks that were recorded
+        self.count = 0  # number of all ticks that were recorded
 
     def append(
         self, time_s: float, samples: FloatArray, command: FloatArray, psi_t: float, psi_i: float
@@ -89,9 +93,14 @@ class Recorder:
         self.count += 1
 
     def since(self, tick: int) -> Window:
-        """Return a copy of the remembered ticks from the `tick`-th on."""
-        remembered = [*self._ticks][max(len(self._ticks) - self.count + tick, 0) :]
+        """Return a copy of the remembered ticks from the `tick`-th recorded one on."""
+        forgotten = self.count - len(self._ticks)
+        remembered = list(self._ticks)[max(tick - forgotten, 0) :]
+
+        # The number of samples of each tick becomes their number up to its end.
         ticks = np.array([entries for entries, _ in remembered]).reshape(-1, _TICK)
         ticks[:, SAMPLES] = np.cumsum(ticks[:, SAMPLES])
-        no_rows = np.empty((0, SAMPLE))
-        return Window(ticks, np.concatenate([no_rows, *(rows for _, rows in remembered)]))
+
+        no_rows = np.empty((0, SAMPLE))  # for a window without samples
+        samples = np.concatenate([no_rows, *(rows for _, rows in remembered)])
+        return Window(ticks, samples)

@@ -167,7 +167,7 @@ class TubeDesign:
     def differing(self, vehicle: Vehicle, period_s: float) -> str:
         """Return the values that differ from the design's, as a text; empty where none does.
 
-        The fields of a tool are not compared: a tube file does not store them.
+        The fields of a tool are not compared: a tube file may leave them out.
         """
         pairs = [("period_s", self.period_s, period_s)]
         for item in fields(Vehicle):
@@ -514,21 +514,7 @@ def horizon_bounds(
     step_lower = [at(free.step_lower, of_rates, stage) for stage in range(moves)]
     step_upper = [at(free.step_upper, -of_rates, stage) for stage in range(moves)]
 
-    # First inputs from which a plan reaches its last stage.
-    low = lower[-1].copy()
-    high = upper[-1].copy()
-    for stage in range(moves - 2, -1, -1):
-        low = np.maximum(lower[stage], low - step_upper[stage + 1])
-        high = np.minimum(upper[stage], high - step_lower[stage + 1])
-
-    # First inputs from which the plans of all later ticks exist too. Where the reference asks for
-    # more than the limits, no later plan exists, and the bounds of the stage itself remain.
-    for k in range(ticks - 2, -1, -1):
-        low[k] = np.maximum(low[k], low[k + 1] - step_upper[0][k + 1])
-        high[k] = np.minimum(high[k], high[k + 1] - step_lower[0][k + 1])
-        empty = low[k] > high[k]
-        low[k] = np.where(empty, lower[0][k], low[k])
-        high[k] = np.where(empty, upper[0][k], high[k])
+    low, high = _viable_first_inputs(lower, upper, step_lower, step_upper)
     lower[0] = low
     upper[0] = high
 
@@ -542,3 +528,31 @@ def horizon_bounds(
         step_lower=stacked(step_lower),
         step_upper=stacked(step_upper),
     )
+
+
+def _viable_first_inputs(
+    lower: list[FloatArray],
+    upper: list[FloatArray],
+    step_lower: list[FloatArray],
+    step_upper: list[FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and the upper ends of V_k at every tick, (ticks, m) each.
+
+    The arguments hold the bounds of each free stage, (ticks, m). `horizon_bounds` defines V_k.
+    """
+    # First inputs from which a plan reaches its last stage.
+    low = lower[-1].copy()
+    high = upper[-1].copy()
+    for stage in range(len(lower) - 2, -1, -1):
+        low = np.maximum(lower[stage], low - step_upper[stage + 1])
+        high = np.minimum(upper[stage], high - step_lower[stage + 1])
+
+    # First inputs from which the plans of all later ticks exist too. Where the reference requires
+    # more than the limits, no later plan exists, and the bounds of the stage itself remain.
+    for k in range(len(low) - 2, -1, -1):
+        low[k] = np.maximum(low[k], low[k + 1] - step_upper[0][k + 1])
+        high[k] = np.minimum(high[k], high[k + 1] - step_lower[0][k + 1])
+        empty = low[k] > high[k]
+        low[k] = np.where(empty, lower[0][k], low[k])
+        high[k] = np.where(empty, upper[0][k], high[k])
+    return low, high

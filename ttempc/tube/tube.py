@@ -205,7 +205,7 @@ def reach_backwards(
         disturbance: acts on the state in every step.
         ticks: k, (t,).
         rows: of each tick, (t, r, n).
-        rates: rows that are K(k); they are replaced by those of the change in a period,
+        rates: place of rows K(k) that are read as the change in a period,
             K(k) m(k) - K(k-1) m(k-1).
     """
     completed = np.zeros(rows.shape[:2])
@@ -215,8 +215,8 @@ def reach_backwards(
             energy = np.zeros(rows.shape)
         energy = energy + (rows @ disturbance.axes) ** 2
 
-        # The rows on the state one step earlier. The newest disturbance w(k-1) acts on m(k) alone,
-        # so that K(k-1) m(k-1) is subtracted after its step.
+        # The rows on the state one step earlier. The newest disturbance w(k-1) acts on m(k) but not
+        # on m(k-1): K(k-1) m(k-1) is subtracted after its energy is added.
         ticks = system.before[ticks]
         rows = rows @ system.closed[ticks]
         if step == 0 and rates:
@@ -297,8 +297,8 @@ class _TubeRows(NamedTuple):
 class _Series(NamedTuple):
     """Sum of the first terms of a tube's series."""
 
-    steps: int  # with the first term that is left out
-    alpha: float  # that this term needs
+    steps: int  # number of steps, those of the first term that is left out included
+    alpha: float  # least alpha for which that term lies in alpha W
     total: FloatArray  # (T, r) reach of all terms before it
 
 

@@ -36,7 +36,9 @@ def estimate_of(k, error, persistent):
 def drive(disturbances, persistent=NONE, follower=None, start=None):
     """Drive the linear model, by default under the tube MPC."""
     follower = follower or make_controller("ttempc-tube", VEHICLE, REFERENCE, PERIOD_S, DESIGN)
-    error, errors, steps = np.zeros(7) if start is None else start, [], []
+    error = np.zeros(7) if start is None else start
+    errors = []
+    steps = []
     for k, w in enumerate(disturbances):
         errors.append(error)
         steps.append(follower.step(estimate_of(k, error, persistent), k))
@@ -102,10 +104,13 @@ SPREAD = REACH.hitch
 
 def test_no_admissible_disturbance_moves_the_hitch_angle_beyond_its_spread():
     """Random runs, bang-bang and square waves, and the worst case, which nearly reaches it."""
-    generator, k, stages = np.random.default_rng(93), 150, len(SPREAD)
+    generator = np.random.default_rng(93)
+    k = 150
+    stages = len(SPREAD)
     runs = np.array([admissible(WINDOW, stages, generator) for _ in range(3000)])
     for j in range(1, stages):
-        row, to_hitch = HITCH, np.empty((j, 7))
+        row = HITCH
+        to_hitch = np.empty((j, 7))
         for i in range(j - 1, -1, -1):  # the effect of w(k - j + i) on the angle at tick k
             to_hitch[i] = row
             row = row @ CLOSED[k - j + i]
@@ -168,7 +173,8 @@ def test_robust_law_and_tube_are_switched_on_and_off_apart(robust, tube):
 @pytest.mark.parametrize("stages", [3, 15])
 def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monkeypatch, stages):
     """What the later disturbances add obeys A + B K, and no limit cuts the inputs."""
-    generator, fails = np.random.default_rng(92), 60
+    generator = np.random.default_rng(92)
+    fails = 60  # tick from which the solver fails
     run = admissible(WINDOW, TICKS_KEPT_PLAN, generator)
     solve = CheckedSolver.solve_bounded
     leave_every_problem_to_the_solver(monkeypatch)

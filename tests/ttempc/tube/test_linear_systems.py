@@ -20,7 +20,8 @@ UNIT = DisturbanceSet(np.eye(2), shape="box")
 
 def test_alpha_of_the_published_example():
     """Rakovic et al. (2005), equation (15): alpha is 1.9e-5 with 10 terms."""
-    a, b = np.array([[1.0, 1.0], [0.0, 1.0]]), np.ones((2, 1))
+    a = np.array([[1.0, 1.0], [0.0, 1.0]])
+    b = np.ones((2, 1))
     system = TrackingSystem.along(a[None], b[None], -np.array([[[1.17, 1.03]]]))
     certificate = invariant_tube(system, UNIT, 2e-5).certificate
     assert certificate.terms == 10
@@ -29,23 +30,29 @@ def test_alpha_of_the_published_example():
 
 def test_gain_of_the_published_tube_mpc():
     """Mayne, Seron and Rakovic (2005): K = [-0.66 -1.33] for Q = I, R = 0.01."""
-    a, b = np.array([[[1.0, 1.0], [0.0, 1.0]]]), np.array([[[0.5], [1.0]]])
+    a = np.array([[[1.0, 1.0], [0.0, 1.0]]])
+    b = np.array([[[0.5], [1.0]]])
     gain = feedback_gains(a, b, np.eye(2), np.array([0.01]))
     np.testing.assert_allclose(gain[0, 0], [-0.66, -1.33], atol=0.005)
 
 
 def test_the_tube_is_the_sum_of_the_vertices():
     """(1 - alpha)^-1 sum A_K^i W, by sums of vertices and qhull alone."""
-    a, b = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.5], [1.0]])
+    a = np.array([[1.0, 1.0], [0.0, 1.0]])
+    b = np.array([[0.5], [1.0]])
     gain = feedback_gains(a[None], b[None], np.eye(2), np.array([0.01]))
     system = TrackingSystem.along(a[None], b[None], gain)
     tube = invariant_tube(system, DisturbanceSet(0.1 * np.eye(2), shape="box"), 1e-3)
-    corners, points = 0.1 * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]]), np.zeros((1, 2))
-    for i in range(tube.certificate.terms):
-        step = corners @ np.linalg.matrix_power(a + b @ gain[0], i).T
-        points = (points[:, None] + step).reshape(-1, 2)
+
+    # The Minkowski sum of two polygons is the hull of all sums of their vertices.
+    corners = 0.1 * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    points = np.zeros((1, 2))
+    for power in range(tube.certificate.terms):
+        term = corners @ np.linalg.matrix_power(a + b @ gain[0], power).T
+        points = (points[:, None] + term).reshape(-1, 2)
         points = points[ConvexHull(points).vertices]
     points /= 1.0 - tube.certificate.alpha
+
     directions = np.random.default_rng(1).standard_normal((200, 2))
     exact = (points @ directions.T).max(axis=0)
     np.testing.assert_allclose(tube.at(0).support(directions), exact, rtol=1e-12)

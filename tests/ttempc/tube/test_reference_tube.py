@@ -39,7 +39,8 @@ LIMITS = CommandLimits.of(VEHICLE, PERIOD_S)
 
 
 def test_tightened_bounds_and_the_tube_add_up_to_the_limits():
-    tube, bounds = ALONG.tube, ALONG.bounds
+    tube = ALONG.tube
+    bounds = ALONG.bounds
     whole = remaining_bounds(ALONG.feedforward, LIMITS)
     for edge, taken, sign in (
         ("lower", tube.inputs, -1.0),
@@ -85,7 +86,8 @@ CURVE = 300
 def test_the_ancillary_action_stays_within_what_is_reserved_and_reaches_it():
     generator = np.random.default_rng(81)
     runs = [admissible(WINDOW, OPTIONS.horizon, generator) for _ in range(30)]
-    window = WINDOW.window  # of all its energy at once: the largest sum within one window
+    window = WINDOW.window
+    # One window with all its energy reaches the largest action after N steps.
     for row in SYSTEM.gains[CURVE + window]:
         rows = [row]  # on w(k-1), w(k-2), ...
         for j in range(1, window):
@@ -94,14 +96,16 @@ def test_the_ancillary_action_stays_within_what_is_reserved_and_reaches_it():
         runs.append(np.vstack([worst, np.zeros((OPTIONS.horizon - window, 7))]))
     largest = np.zeros(3)
     for run in runs:
-        deviation, before = np.zeros(7), np.zeros(3)
+        deviation = np.zeros(7)
+        before = np.zeros(3)
         for j in range(OPTIONS.horizon):
             action = SYSTEM.gains[CURVE + j] @ deviation
             assert np.all(np.abs(action) <= INPUTS[j, CURVE + j] * (1.0 + 1e-9))
             assert np.all(np.abs(action - before) <= RATES[j, CURVE + j] * (1.0 + 1e-9))
             if j == window:
                 largest = np.maximum(largest, np.abs(action))
-            deviation, before = SYSTEM.closed[CURVE + j] @ deviation + run[j], action
+            deviation = SYSTEM.closed[CURVE + j] @ deviation + run[j]
+            before = action
     np.testing.assert_allclose(largest, INPUTS[window, CURVE + window])
 
 
@@ -121,7 +125,9 @@ def test_planned_inputs_and_ancillary_action_keep_to_the_limits_at_every_stage()
 
 def test_every_qp_after_a_feasible_one_is_feasible_whatever_the_disturbances():
     horizon = CondensedHorizon(A, B, OPTIONS, PERIOD_S, C, free_bounds=TUBE.bounds)
-    generator, solver, u = np.random.default_rng(82), CheckedSolver(), np.zeros(3)
+    generator = np.random.default_rng(82)
+    solver = CheckedSolver()
+    u = np.zeros(3)
     at_bound = 0
     for k in range(horizon.ticks):
         error = generator.normal(size=7) * [3, 3, 0.5, 0.5, 0.1, 0.1, 0.5]
@@ -131,15 +137,19 @@ def test_every_qp_after_a_feasible_one_is_feasible_whatever_the_disturbances():
         u = u + solution.x[:3]
         at_bound += np.isclose(u, TUBE.bounds.upper[k, :3], atol=1e-6).any()
         lower, upper, step_lower, step_upper = (values[k, :3] for values in TUBE.bounds)
-        before, moved = u - solution.x[:3], u + generator.normal(size=3)
+
+        # Any other admissible input instead of the planned one.
+        before = u - solution.x[:3]
+        moved = u + generator.normal(size=3)
         u = np.minimum(np.minimum(moved, upper), before + step_upper)
         u = np.maximum(np.maximum(u, lower), before + step_lower)
-    assert at_bound > 30  # the bounds count
+    assert at_bound > 30  # the bounds are active
 
 
 def test_an_input_that_later_bounds_would_strand_is_not_allowed():
     """One input, steps of 1: the bound falls from 5 to 1 at tick 6, beyond the first horizons."""
-    stages, high = 12, np.array([5.0] * 6 + [1.0] * 6)[:, None]
+    stages = 12
+    high = np.array([5.0] * 6 + [1.0] * 6)[:, None]
     none = np.zeros((3, stages, 1))
     step = np.ones((stages, 1))
     bounds = horizon_bounds(StageBounds(-high, high, -step, step), none, none, moves=2)
@@ -151,8 +161,9 @@ def test_an_input_that_later_bounds_would_strand_is_not_allowed():
 
 @pytest.mark.parametrize("moves", [1, 2])
 def test_where_no_later_plan_exists_the_bounds_of_the_stage_itself_remain(moves):
-    """One input, steps of 1: from tick 6 on it must be 4 at least, and before 1 at most."""
-    stages, jump = 12, 6
+    """One input, steps of 1: at most 1 before tick 6, at least 4 from then on."""
+    stages = 12
+    jump = 6
     later = np.arange(stages)[:, None] >= jump
     lower = np.where(later, 4.0, -1.0)
     upper = np.where(later, 5.0, 1.0)
@@ -178,6 +189,7 @@ def generator():
 def driven(tube: Tube, last: int, disturbances):
     """Return the deviation at every tick up to `last` from 0, (steps + 1, 7) for (steps, 7)."""
     m = np.zeros((len(disturbances) + 1, *disturbances.shape[1:]))
+    # Before the first tick its stage holds.
     for step, w in enumerate(disturbances):
         k = max(0, last - len(disturbances) + step)
         m[step + 1] = m[step] @ tube.system.closed[k].T + w

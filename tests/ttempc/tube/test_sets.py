@@ -21,32 +21,35 @@ def generator():
     return np.random.default_rng(3)
 
 
-def random_zonotope(generator, n, g):
-    return Zonotope(generator.standard_normal(n), generator.standard_normal((n, g)))
+def random_zonotope(generator, dimension, generators):
+    centre = generator.standard_normal(dimension)
+    return Zonotope(centre, generator.standard_normal((dimension, generators)))
 
 
 def test_sums_and_maps_hold_what_samples_add_up_to_and_reach_it(generator):
-    first, second = random_zonotope(generator, 4, 5), random_zonotope(generator, 4, 3)
+    first = random_zonotope(generator, 4, 5)
+    second = random_zonotope(generator, 4, 3)
     matrix = generator.normal(size=(3, 4))
     total = linear_map(matrix, minkowski_sum([first, second]))
     points = (first.vertices()[:, None] + second.vertices()).reshape(-1, 4)
-    a = generator.standard_normal((50, 3))
-    np.testing.assert_allclose(total.support(a), (a @ matrix @ points.T).max(axis=1), atol=1e-12)
+    directions = generator.standard_normal((50, 3))
+    exact = (directions @ matrix @ points.T).max(axis=1)
+    np.testing.assert_allclose(total.support(directions), exact, atol=1e-12)
 
 
 @pytest.mark.parametrize(("seed", "stretch"), [(0, 1.0), (1, 1.0), (2, 100.0), (3, 100.0)])
 def test_outline_contains_the_projection_and_approaches_it(seed, stretch):
-    """By the diameter D: a tangent's end is at most D / 2 tan(pi / count) away, for any shape."""
+    """A vertex is at most D / 2 tan(pi / count) away, D the diameter, for any shape."""
     generator = np.random.default_rng(seed)
-    z = random_zonotope(generator, 5, 8)
+    zonotope = random_zonotope(generator, 5, 8)
     plane = generator.standard_normal((2, 5)) * [[stretch], [1.0]]
-    points = z.vertices() @ plane.T
+    points = zonotope.vertices() @ plane.T
     diameter = pdist(points).max()
     turns = np.linspace(0.0, 2.0 * np.pi, 2000)
     normals = np.column_stack([np.cos(turns), np.sin(turns)])
     reach = (normals @ points.T).max(axis=1)
     for count in (8, 24, 90, 360):
-        beyond = (normals @ outline(z, plane, count).T).max(axis=1) - reach
+        beyond = (normals @ outline(zonotope, plane, count).T).max(axis=1) - reach
         assert beyond.min() >= -1e-9 * diameter
         assert beyond.max() <= 0.5 * diameter * math.tan(math.pi / count)
 
@@ -55,12 +58,13 @@ AXES = np.random.default_rng(5).standard_normal((3, 3))
 
 
 def test_one_step_sets_are_zonotopes(generator):
-    w = generator.standard_normal((50, 3))
-    a = generator.standard_normal((50, 3))
-    zonotope = DisturbanceSet(AXES)
-    inside = np.abs(np.linalg.solve(AXES, w.T)).max(axis=0)
-    np.testing.assert_allclose(zonotope.fill(w), inside)
-    np.testing.assert_allclose(zonotope.support(a), Zonotope(np.zeros(3), AXES).support(a))
+    steps = generator.standard_normal((50, 3))
+    directions = generator.standard_normal((50, 3))
+    one_step = DisturbanceSet(AXES)
+    gauge = np.abs(np.linalg.solve(AXES, steps.T)).max(axis=0)
+    np.testing.assert_allclose(one_step.fill(steps), gauge)
+    exact = Zonotope(np.zeros(3), AXES).support(directions)
+    np.testing.assert_allclose(one_step.support(directions), exact)
 
 
 @pytest.mark.parametrize("window", [1, 4])
