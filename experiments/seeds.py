@@ -7,7 +7,7 @@ chosen with would favour that choice.
 from typing import Final
 
 TUNING: Final = range(1, 101)
-"""Tuning by hand, the filter's noise parameters, the search for the field `kayacan2016`, tests."""
+"""Tuning by hand, the filter's noise parameters, the hydrostat of `kayacan2016`, tests."""
 
 FITTING: Final = range(1001, 1101)
 """Laps that tubes are fitted to and held-out laps of a fit."""
@@ -37,7 +37,7 @@ TUNED_FIELDS: Final = {
     "half widths over speed": ("rows",),
     "field": ("kayacan2016",),
 }
-"""Scenarios whose tuning seeds were used, by what was tuned; `field`: the field itself was."""
+"""Scenarios whose tuning seeds were used, by what was tuned; `field`: a parameter of it was."""
 
 
 def report_seeds(count: int) -> tuple[int, ...]:

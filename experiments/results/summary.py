@@ -158,6 +158,7 @@ class InputStatistics:
     """Saturation, rate and travel of one input."""
 
     saturated_fraction: float | None  # of ticks with the command at a limit of size or rate
+    beyond_fraction: float | None  # of ticks with the controller's total beyond a bound of size
     rms_rate: float | None  # of the command, in its unit per second
     travel_per_m: float | None  # total change of the command over the distance driven
 
@@ -178,6 +179,25 @@ ACTUATOR_USE: Final = (  # head of a column, key of the summary, factor from the
     ("hydrostat at limits [%]", "inputs.hp.saturated_fraction", 100.0),
 )
 """Columns on the use of the actuators in comparisons of controllers."""
+
+
+EUCLIDEAN: Final = tuple(  # of the paper's table: head of a column, key, factor
+    (f"{where}, {body} [cm]", f"tracking.{where}.{body}.mean_euclidean_m", 100.0)
+    for where in ("straight", "curve")
+    for body in ("tractor", "trailer")
+)
+"""Columns of the mean Euclidean errors to the time-based reference, as the paper has them."""
+PARTS: Final = tuple(
+    (f"{where}, tractor {part} [cm]", f"tracking.{where}.tractor.{key}", 100.0)
+    for where in ("straight", "curve")
+    for part, key in (("along, mean", "along_mean_m"), ("across, sd", "cross_sd_m"))
+)
+"""Columns of the parts of the tractor's error along and across the path."""
+BEYOND: Final = tuple(
+    (f"{words} beyond its bounds [%]", f"inputs.{name}.beyond_fraction", 100.0)
+    for words, name in (("front", "delta_t"), ("trailer", "delta_i"), ("hydrostat", "hp"))
+)
+"""Columns of the ticks in which a controller asks for more than an input has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,9 +384,13 @@ def input_statistics(record: Record) -> InputsStatistics:
         high = table[f"{name}_max"] - _AT_BOUND
         saturated = (command <= low) | (command >= high) | (table[f"{name}_limited"] > 0.5)
         saturated &= table[f"{name}_max"] > table[f"{name}_min"]  # a plain trailer has no steering
+        total = table[f"{name}_total"]
+        beyond = (total < low - 2.0 * _AT_BOUND) | (total > high + 2.0 * _AT_BOUND)
         steps = np.diff(command)
         travel = _number(np.abs(steps).sum() / driven_m) if driven_m else None
-        return InputStatistics(_mean(saturated), _rms(steps / np.diff(table.time_s)), travel)
+        return InputStatistics(
+            _mean(saturated), _mean(beyond), _rms(steps / np.diff(table.time_s)), travel
+        )
 
     return InputsStatistics(*map(statistics, ("delta_t_rad", "delta_i_rad", "hp")))
 

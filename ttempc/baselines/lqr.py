@@ -67,7 +67,8 @@ def step_gains(
     """
     count, n, m = b.shape
     augmented = np.zeros((count, n + m, n + m))  # of (z_k, u_{k-1})
-    augmented[:, :n, :n], augmented[:, :n, n:] = a, b
+    augmented[:, :n, :n] = a
+    augmented[:, :n, n:] = b
     augmented[:, n:, n:] = np.eye(m)
     by_step = augmented[:, :, n:]  # a step acts as the previous input does
     cost = np.zeros((count + 1, n + m, n + m))

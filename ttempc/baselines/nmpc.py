@@ -1,153 +1,63 @@
-"""Nonlinear MPC on the articulated model: `nmpc` and `nmpc-rti`.
+"""Nonlinear MPC on the articulated model, of the whole vehicle or of a problem for each body.
 
 Horizon, bounds and information are those of the linear MPC, the weights are tuned as its are.
+Centralised, decentralised and distributed after Kayacan, Peschel and Kayacan (2016), "Centralized,
+decentralized and distributed nonlinear model predictive control of a tractor-trailer system: a
+comparative study", American Control Conference, pp. 4403-4408.
 """
 
-from dataclasses import dataclass, replace
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
 
 import numpy as np
 
 from ..errors import check_choice, check_count
 from ..laws.options import MpcOptions
-from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
-from ..mpc.articulated_error import PredictedPath, error_state, map_gains, remaining_bounds
-from ..mpc.lmpc import HorizonTuning, Solver, move_bounds
-from ..mpc.qp import QP, CheckedSolver
+from ..laws.tracking_controller import (
+    ExactCourse,
+    FeedbackLaw,
+    TrackingController,
+    View,
+    write_report,
+)
+from ..layout import ESTIMATE, TICK
+from ..mpc.articulated_error import (
+    PredictedPath,
+    map_gains,
+    remaining_bounds,
+    write_reference_error,
+)
+from ..mpc.lmpc import Solver, move_bounds
 from ..reference.reference import GUIDED, Guided, Reference, guided
-from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State
+from ..types import (
+    Diagnostics,
+    Disturbance,
+    FloatArray,
+    Input,
+    MapDisturbance,
+    SolverReport,
+    State,
+)
 from ..vehicle import Vehicle
+from .gauss_newton import GaussNewton
 from .nmpc_model import (
-    ArticulatedModel,
+    TRACTOR,
+    TRAILER,
+    WHOLE,
+    Block,
+    Model,
     Task,
-    condense,
+    articulated_model,
+    kept_motion,
+    new_motion,
+    stage_times,
 )
 
-# A plan is converged where the last iteration changed no input of it by more than this, in rad or
-# hydrostat position. Changes shrink tenfold or more near the solution: the rest is below a tenth.
-_TOLERANCE = 1e-4
-_M = len(Input)
-ITERATIONS = 20  # at most; 2 to 3 are usual
-_HALVINGS = 6
-_SUFFICIENT = 0.25  # least actual descent over the QP's, below which a change is halved (Armijo)
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """Solution of one tick."""
-
-    steps: FloatArray | None  # (m Nc,) Delta u_e; None where a QP has no accepted solution
-    errors: FloatArray  # (Np, p) position errors under the steps [m]
-    report: SolverReport
-    fallback: str = ""  # why the steps are not the minimiser; empty where they are
-
-
-class GaussNewton:
-    """Minimiser of the linear MPC's cost within its bounds, under the nonlinear model.
-
-    The unknowns are the steps of u_e = u_r - u, as in `ttempc.mpc.lmpc.CondensedHorizon`:
-
-        min sum_j y_j' Q y_j + sum Delta u' R Delta u,    y_j = y_j(z_k, u_{k-1}, Delta U),
-
-    where y_j are the position errors of the nonlinear model (single shooting: a plan is feasible
-    where its steps are within linear bounds). Every iteration linearises y_j at the present plan,
-    accumulates its derivatives from stage to stage and solves the resulting QP. Converged plans
-    are stationary points of the nonlinear problem. With one iteration it is a real-time iteration
-    (Diehl, Bock and Schloeder 2005, SIAM J. Control Optim. 43), which need not converge in a tick.
-
-    Raises:
-        MissingPackage: the package of the tuning's solver is not installed.
-    """
-
-    def __init__(
-        self,
-        model: ArticulatedModel,  # or one of its shape
-        tuning: HorizonTuning,
-        iterations: int,
-        damping: float = 0.0,  # tau of y + tau y' for the cross-track errors y, in periods
-    ) -> None:
-        self._model, self._qp = model, CheckedSolver(tuning.solver)
-        # `prepare` has a solver of its own: a solve changes the last digits of later results.
-        self._preparing_qp = CheckedSolver(tuning.solver)
-        self._iterations = iterations
-        self._last: tuple[Task, FloatArray] | None = None
-        self._damping = damping
-        moves = tuning.moves
-        self._weight = np.array(tuning.output_weight)  # (p,)
-        self._step_weight = np.tile(tuning.step_weight, moves)  # (m Nc,)
-        sums = np.kron(np.tril(np.ones((moves, moves))), np.eye(_M))
-        self._sums: FloatArray = sums.astype(np.float64)
-        shape = tuning.horizon, len(self._weight)
-        self._errors, self._jacobian = np.empty(shape), np.empty((*shape, len(sums)))
-
-    def prepare(self) -> None:
-        """Minimise the last task again and drop the result, which fills the caches."""
-        if self._last:
-            self._minimise(self._preparing_qp, *self._last)
-
-    def minimise(self, task: Task, steps: FloatArray) -> Plan:
-        """Return the plan for `task`; `steps` (m Nc,) is the initial guess."""
-        self._last = task, steps
-        return self._minimise(self._qp, task, steps)
-
-    def _minimise(self, solver: CheckedSolver, task: Task, steps: FloatArray) -> Plan:
-        cost, qp = self._linearise(task, steps)
-        time_s, iteration = 0.0, 0
-        while True:
-            iteration += 1
-            solution = solver.solve(qp)
-            time_s += solution.report.solve_time_s
-            report = replace(solution.report, iterations=iteration, solve_time_s=time_s)
-            if solution.x is None:
-                # An estimate far off may overflow along the horizon.
-                fallback = f"QP {report.status}: previous feedback held"
-                return Plan(None, self._errors.copy(), report, fallback)
-            change = solution.x - steps
-            converged = bool(np.abs(change).max() <= _TOLERANCE)
-            if converged or iteration == self._iterations:
-                break
-            descent = qp.objective(steps) - qp.objective(solution.x)
-            trial, qp = self._linearise(task, steps + change)
-            # The first change is not halved: it ends within the bounds wherever the guess lay.
-            for _ in range(_HALVINGS if iteration > 1 else 0):
-                if cost - trial >= _SUFFICIENT * descent:
-                    break
-                change, descent = 0.5 * change, 0.5 * descent
-                trial, qp = self._linearise(task, steps + change)
-            steps, cost = steps + change, trial
-        errors = self._errors + self._jacobian @ change  # the last change to first order
-        missed = not converged and self._iterations > 1
-        fallback = f"not converged in {self._iterations} iterations: last plan driven"
-        return Plan(solution.x, errors, report, fallback if missed else "")
-
-    def _damped(self, outputs: FloatArray) -> FloatArray:
-        """Return y + tau y' in the place of the cross-track errors y (Np, p, ...)."""
-        if not self._damping:
-            return outputs
-        result, across = outputs.copy(), outputs[:, 1::2]
-        rate = self._damping * np.diff(across, axis=0)
-        result[:-1, 1::2] += rate
-        result[-1, 1::2] += rate[-1]
-        return result
-
-    def _linearise(self, task: Task, steps: FloatArray) -> tuple[float, QP]:
-        """Return the cost under `steps` (m Nc,), and the QP that is linearised there."""
-        self._model.evaluate(task, steps, self._errors, self._jacobian)
-        gradient, hessian = np.empty_like(steps), np.empty_like(self._sums)
-        weighted = self._damped(self._errors), self._damped(self._jacobian)
-        cost = condense(*weighted, self._weight, self._step_weight, steps, hessian, gradient)
-        held = np.tile(task.previous, len(steps) // len(task.previous))
-        return cost, QP(
-            hessian=hessian,
-            gradient=gradient,
-            matrix=self._sums,
-            row_lower=task.bounds.lower - held,
-            row_upper=task.bounds.upper - held,
-            lower=task.bounds.step_lower,
-            upper=task.bounds.step_upper,
-        )
-
-
-_BODY_FIXED, _MAP_FIXED = slice(7, 12), slice(12, 16)  # disturbances in `error_state`
+_M: Final = len(Input)
+ITERATIONS: Final = 20  # at most; 2 to 3 are usual
 
 
 @dataclass(frozen=True)
@@ -168,13 +78,29 @@ class NmpcRtiOptions(MpcOptions):
 
 @dataclass(frozen=True)
 class NmpcOptions(NmpcRtiOptions):
-    """Options of `nmpc`."""
+    """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`."""
 
     iterations: int = ITERATIONS  # Gauss-Newton iterations a period, at most
 
     def __post_init__(self) -> None:
         NmpcRtiOptions.__post_init__(self)
         check_count("iterations", self.iterations)
+
+
+Decomposition = tuple[Block, ...]
+"""Blocks of the problem of a tick in the order in which they are solved."""
+
+CENTRAL: Final[Decomposition] = (WHOLE,)
+DECENTRALISED: Final[Decomposition] = (TRAILER, TRACTOR)
+"""Nothing is exchanged: the trailer takes its tractor to keep its distance from its reference."""
+DISTRIBUTED: Final[Decomposition] = (TRACTOR, TRAILER)
+"""The tractor sends its predicted motion to the trailer."""
+
+_BODY_FIXED: Final = slice(len(State), len(State) + len(Disturbance))  # in `error_state`
+_MAP_FIXED: Final = slice(len(State) + len(Disturbance), None)
+_FIRST_STATE: Final = (ESTIMATE.fields or {})["state"][1] // 8
+_STATE: Final = slice(_FIRST_STATE, _FIRST_STATE + len(State))  # in a record `ESTIMATE`
+_ERRORS: Final = len(State) + len(Disturbance) + len(MapDisturbance)
 
 
 class NonlinearFeedback(FeedbackLaw):
@@ -184,53 +110,104 @@ class NonlinearFeedback(FeedbackLaw):
     converge, its last plan is applied. `Diagnostics.fallback` reports both.
     """
 
-    def __init__(self, course: ExactCourse, tuning: MpcOptions, iterations: int) -> None:
-        self._course, self._tuning = course, tuning
-        grid, vehicle, period_s = course.grid, course.vehicle, course.period_s
+    def __init__(
+        self,
+        course: ExactCourse,
+        tuning: MpcOptions,
+        iterations: int,
+        decomposition: Decomposition = CENTRAL,
+    ) -> None:
+        self._course = course
+        self._tuning = tuning
+        vehicle = course.vehicle
+        period_s = course.period_s
+        damping = tuning.damping_s / period_s
+        models = tuple(articulated_model(vehicle, period_s, block) for block in decomposition)
+        remaining = remaining_bounds(course.feedforward, course.limits)
+        bounds = move_bounds(tuning, period_s, len(course.feedforward), remaining)
+        self._solver = GaussNewton(models, bounds, tuning, iterations, damping)
+        self._motion = new_motion(models[0], tuning.horizon)
+        grid = course.grid
         self._poses = np.hstack(
             [grid.state[:, :3], grid.trailer_xy, grid.state[:, State.PSI_I, None]]
         )  # (N + 1, 6)
         ticks = len(course.feedforward)
-        middle = course.reference.at((np.arange(ticks) + 0.5) * period_s)
-        self._map_gains = map_gains(middle, vehicle)  # (N, 5, 4)
-        remaining = remaining_bounds(course.feedforward, course.limits)
-        self._bounds = move_bounds(tuning, period_s, ticks, remaining)
-        model, damping = ArticulatedModel(vehicle, period_s), tuning.damping_s / period_s
-        self._solver = GaussNewton(model, tuning, iterations, damping)
+        middle = course.reference.at((np.arange(ticks) + 0.5) * course.period_s)
+        self._map_gains = map_gains(middle, course.vehicle)  # (N, 5, 4)
+        self._kept: FloatArray | None = None
+        if not models[0].block.tractor:
+            self._kept = _motion_of_reference(course, models[0])
+        self._constants = vehicle.wheelbase, vehicle.speed_time_constant
         self._path = PredictedPath(grid)
-        self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
+        self._plan = self._solver.new_plan()  # of the last tick
+        self.report: SolverReport | None = None  # of the last tick
 
     def resume(self, previous: object) -> None:
         """Keep the last plan as the first guess, see `ttempc.types.Controller.resume`."""
         if isinstance(previous, NonlinearFeedback):
-            self._steps = previous._steps
+            self._plan = previous._plan
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        horizon, course, bounds = self._tuning.horizon, self._course, self._bounds.at(k)
-        previous = course.feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
-        error = error_state(course.grid.state[k], estimate, course.vehicle)
-        map_fixed = self._map_gains[k : k + horizon] @ error[_MAP_FIXED]
+    def act(self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray) -> None:
+        """Write the actions of tick `k` into the record `TICK`, see `FeedbackLaw.act`."""
+        horizon = self._tuning.horizon
+        course = self._course
+        error = np.empty(_ERRORS)
+        write_reference_error(course.grid.state[k], row, *self._constants, error)
         task = Task(
-            state=estimate.state,
-            disturbance=error[_BODY_FIXED] + map_fixed,
+            k=k,
+            state=row[_STATE],
+            disturbance=error[_BODY_FIXED] + self._map_gains[k : k + horizon] @ error[_MAP_FIXED],
             poses=self._poses[k + 1 : k + 1 + horizon],
             feedforward=course.feedforward[k : k + horizon],
-            previous=bounds.clamp_previous(previous),
-            bounds=bounds,
+            previous=course.feedforward[max(k - 1, 0)] - sent,
+            last_plan=self._plan.steps,
+            motion=self._motion,
         )
-        guess = np.vstack([self._steps[1:], np.zeros(_M)])
-        plan = self._solver.minimise(task, guess.reshape(-1))
-        self._steps = np.zeros_like(guess) if plan.steps is None else plan.steps.reshape(-1, _M)
+        if self._kept is not None:
+            ahead = self._kept[k : k + horizon]
+            kept_motion(ahead, self._poses[k], task.state, self._motion)
+        plan = self._solver.minimise(task)
+        self._plan = plan
+        self.report = self._solver.report
+        of = tick.view(TICK)[0]
+        control = of["control"]
+        control[:, 1] = -plan.inputs
+        control[:, 2] = 0.0
+        write_report(self.report, tick)
+        of["law"] = 1.0 if self._solver.fallback else 0.0
+
+    def predicted_path(self, k: int) -> FloatArray:
+        """Return the path of tick `k` under the plans, (Np, 4) [m], map frame."""
+        return self._path.less(k, self._plan.errors)
+
+    def diagnostics(self, k: int, tick: FloatArray) -> Diagnostics:
+        """Return the view of the record of the last tick, `k`."""
+        control = tick.view(TICK)[0]["control"]
         return Diagnostics(
-            feedback=-bounds.clamp(task.previous + self._steps[0]),
-            robust=np.zeros(_M),
-            predicted_path=self._path.less(k, plan.errors),
-            solver=plan.report,
-            fallback=plan.fallback,
+            feedback=control[:, 1].copy(),
+            robust=control[:, 2].copy(),
+            predicted_path=self.predicted_path(k),
+            solver=self.report,
+            fallback=self._solver.fallback,
         )
 
     def prepare(self, k: int) -> None:
+        """Solve the last task again, see `GaussNewton.prepare`."""
         self._solver.prepare()
+
+
+def _motion_of_reference(course: ExactCourse, model: Model) -> FloatArray:
+    """Return the motion of the reference tractor in all periods, (N, s, 3), see `new_motion`."""
+    periods = len(course.feedforward)
+    times = course.period_s * np.arange(periods)[:, None] + stage_times(model)
+    sample = course.reference.at(times.ravel())
+    rows = np.column_stack(
+        [sample.state[:, State.PSI_T], sample.state[:, State.V], sample.yaw_rate_t]
+    )
+    motion = rows.reshape(periods, -1, rows.shape[1])
+    ends = course.grid.state[1 : periods + 1]
+    motion[:, -1] = ends[:, [State.X, State.Y, State.PSI_T]]
+    return motion
 
 
 def nmpc_controller(
@@ -238,6 +215,7 @@ def nmpc_controller(
     reference: Reference,
     period_s: float,
     options: NmpcRtiOptions = NmpcOptions(),
+    decomposition: Decomposition = CENTRAL,
 ) -> TrackingController:
     """Compose the exact feedforward and the NMPC; `NmpcRtiOptions` ask for one iteration a period.
 
@@ -249,4 +227,8 @@ def nmpc_controller(
     tuning = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
 
     course = ExactCourse(reference, period_s, tuning.horizon)
-    return course.controller(NonlinearFeedback(course, tuning, iterations))
+    return course.controller(NonlinearFeedback(course, tuning, iterations, decomposition))
+
+
+nmpc_decentralised_controller = partial(nmpc_controller, decomposition=DECENTRALISED)
+nmpc_distributed_controller = partial(nmpc_controller, decomposition=DISTRIBUTED)

@@ -1,37 +1,46 @@
-"""Readings of the printed equations where they leave a choice."""
+"""The paper's controller: its equations as printed, and the readings where they leave a choice.
 
-import math
-from dataclasses import dataclass, fields, replace
-from typing import Literal, get_args, get_type_hints
+E. Kayacan, H. Ramon, W. Saeys (2016), "Robust Trajectory Tracking Error Model-Based Predictive
+Control for Unmanned Ground Vehicles", IEEE/ASME Transactions on Mechatronics 21(2).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final, Literal, get_args, get_type_hints
 
 import numpy as np
 
 from ..errors import check_choice, check_flag, check_vector
-from ..laws.tracking_controller import FeedbackLaw, TrackingController
-from ..models.kinematics import POSITIONS, Error, estimated_error
+from ..laws.tracking_controller import TrackingController
+from ..models.kinematics import Error
 from ..models.linear import zero_order_hold
-from ..mpc.articulated_error import PredictedPath
-from ..mpc.lmpc import CondensedHorizon, HorizonTuning, LinearMpc
+from ..mpc.lmpc import CondensedHorizon, HorizonTuning
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
-from ..types import Diagnostics, Estimate, FloatArray, Input
+from ..types import FloatArray, Input
 from ..vehicle import CommandLimits, Vehicle
+from .paper_law import CONSTANTS, NOMINALS, PaperLaw, PaperTables
 
-Reading = Literal["one-step", "tube"]
+HitchAngle = Literal["added", "subtracted", "reference"]
+Nominal = Literal["reference", "one-step", "model"]
+
+_HITCH_SIGNS: Final = {"added": 1.0, "subtracted": -1.0, "reference": 0.0}
+_PERCENT: Final = 100.0  # per fraction
 
 
 @dataclass(frozen=True)
 class PaperEquations:
     """Reading of the equations of Kayacan, Ramon and Saeys (2016).
 
-    The numbers are those of docs/errata.md. The defaults are those of the controller `paper`: as
-    printed, with 4, 6 and 7 corrected, without which the vehicle stands still or is lost.
+    The numbers are those of the errata in docs/method.md. The defaults are those of the controller
+    `paper`: of the readings that were driven they agree best with what the paper reports of its own
+    experiment (docs/appendix/errata.md).
     """
 
     # 1: sign of the hitch term in the trailer's yaw equation; +1 printed, -1 geometry
     hitch_sign: Literal[1, -1] = 1
-    # 2: delta_i = lambda - beta with the hitch angle as measured (printed), so that the loop is
-    #    closed through beta, or with the reference's
-    hitch_angle: Literal["measured", "reference"] = "measured"
+    # 2, 9: delta_i = lambda - beta with the measured hitch angle, whose sign is not printed. In the
+    #    convention of this project, lambda = beta + delta_i, the measured angle is "added" or
+    #    "subtracted"; "reference": the angle of the reference is subtracted
+    hitch_angle: HitchAngle = "added"
     # 3: steering feedforward by eq. (ffcontrolaction), or from the exact posture on the path
     feedforward: Literal["printed", "geometry"] = "printed"
     # 4: body whose errors stand in the trailer's rows of the error model; "tractor" is printed in
@@ -44,12 +53,22 @@ class PaperEquations:
     # 7: hydrostat position at full stroke in the unit in which K = 1.4 m/s holds; with 100, the
     #    printed percent, the vehicle stands still
     hp_full_scale: Literal[1, 100] = 1
-    # 8: the nominal state zbar_e, which is not defined; see `PaperFeedback`
-    nominal: Reading = "one-step"
+    # 8: the nominal state zbar_e, which is not defined; see `PaperLaw`
+    nominal: Nominal = "reference"
+    # 8: what the MPC predicts from: z_e ("for a given z_e(k)"), or the nominal state of a tube
+    mpc_start: Literal["error", "nominal"] = "error"
+    # 10: whether A has the column of v_e in the yaw rows, gamma_r / v_r, which the print leaves out
+    yaw_by_speed: bool = False
+    # 13: units of the inputs in R = diag(1, 1, 1), which are not printed
+    hp_in_cost: Literal["percent", "fraction"] = "percent"
+    steering_in_cost: Literal["rad", "deg", "rad/s"] = "rad"
 
     def __post_init__(self) -> None:
         for name, hint in get_type_hints(PaperEquations).items():
-            check_choice(name, getattr(self, name), get_args(hint))
+            if hint is bool:
+                check_flag(name, getattr(self, name))
+            else:
+                check_choice(name, getattr(self, name), get_args(hint))
 
 
 @dataclass(frozen=True)
@@ -65,48 +84,18 @@ class RobustGains:
     derivative: tuple[float, float, float] = (4.0, 2.0, 20.0)  # k_d [s/m]
 
     def __post_init__(self) -> None:
-        for item in fields(RobustGains):
-            check_vector(item.name, getattr(self, item.name), len(Input))
-
-
-class RobustLaw:
-    """u_m = k_s tanh(k_p z_m + k_d z_m'), eq. (robustcontrollaw).
-
-    z_m = sign * (zbar_e - z_e) of the four positions, within +-1 m. Its derivative is a backward
-    difference over one period, 0 at the start and after a missed tick.
-    """
-
-    def __init__(self, gains: RobustGains, sign: int, period_s: float) -> None:
-        self._gains = gains
-        self._rows = tuple(zip(gains.saturation, gains.proportional, gains.derivative, strict=True))
-        self._sign = sign
-        self._period_s = period_s
-        self._last: tuple[int, list[float]] | None = None  # tick and z_m
-
-    def step(self, k: int, nominal: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the action and the modelling error of tick `k`.
-
-        Returns:
-            u_m (3,) as (delta^t, lambda, HP), and z_m (4,) [m] in the order x_t, y_t, x_i, y_i.
-        """
-        z_m = [
-            max(-1.0, min(1.0, self._sign * (nominal[row] - error[row]))) for row in POSITIONS
-        ]  # eq. (z2)
-        before = self._last[1] if self._last and self._last[0] == k - 1 else z_m
-        self._last = (k, z_m)
-        x_t, y_t, _, y_i = (
-            (now, (now - then) / self._period_s) for now, then in zip(z_m, before, strict=True)
-        )
-        action = [
-            k_s * math.tanh(k_p * value + k_d * rate)
-            for (k_s, k_p, k_d), (value, rate) in zip(self._rows, (y_t, y_i, x_t), strict=True)
-        ]
-        return np.array(action), np.array(z_m)
+        check_vector("saturation", self.saturation, len(Input))
+        check_vector("proportional", self.proportional, len(Input))
+        check_vector("derivative", self.derivative, len(Input), zero=True)
 
 
 @dataclass(frozen=True)
 class PaperOptions(PaperEquations, RobustGains, HorizonTuning):
-    """Options of `paper`: horizon, weights and bounds, gains, and the reading of the equations."""
+    """Options of `paper`: horizon, weights and bounds, gains, and the reading of the equations.
+
+    Bounds and gains of the hydrostat are for its position as a fraction, `step_weight` for the
+    units that the reading names.
+    """
 
     robust: bool = True  # whether the robust law acts
 
@@ -118,18 +107,45 @@ class PaperOptions(PaperEquations, RobustGains, HorizonTuning):
 
 
 @dataclass(frozen=True)
+class RateWeightOptions(PaperOptions):
+    """Options of `paper-rate-weight`: the cost has steering in rad/s, the hydrostat in percent."""
+
+    steering_in_cost: Literal["rad", "deg", "rad/s"] = "rad/s"
+
+
+@dataclass(frozen=True)
+class TubeOptions(PaperOptions):
+    """Options of `paper-tube`: MPC and nominal state as in the tube MPC that the paper cites.
+
+    Mayne, Seron and Rakovic (2005): the nominal system runs under the MPC alone.
+    """
+
+    nominal: Nominal = "model"
+    mpc_start: Literal["error", "nominal"] = "nominal"
+
+
+@dataclass(frozen=True)
+class SubtractedOptions(PaperOptions):
+    """Options of `paper-subtracted`, with which the trailer's steering stands at its stop.
+
+    The measured hitch angle is subtracted in the convention of this project, the nominal state is
+    a one-step prediction, and the hydrostat is a fraction throughout.
+    """
+
+    hitch_angle: HitchAngle = "subtracted"
+    nominal: Nominal = "one-step"
+    hp_in_cost: Literal["percent", "fraction"] = "fraction"
+
+
+@dataclass(frozen=True)
 class PrintedSignOptions(PaperOptions):
     """Options of `paper-printed-sign`: the sign of the robust action as printed (erratum 6).
 
-    The nominal state is the tube's own. In the one-step reading the modelling error does not depend
-    on where the vehicle is, and its sign has next to no effect.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
+    In the one-step reading the modelling error does not depend on where the vehicle is, and its
+    sign has next to no effect; here the nominal state is the reference.
     """
 
     robust_sign: Literal[1, -1] = 1
-    nominal: Reading = "tube"
 
 
 def linearise(
@@ -141,7 +157,8 @@ def linearise(
     """
     v = reference.state[:, -1]
     speed_i = v if equations.trailer_speed == "tractor" else reference.speed_i
-    length_t, length_i = vehicle.wheelbase, vehicle.trailer_length
+    length_t = vehicle.wheelbase
+    length_i = vehicle.trailer_length
     tau = vehicle.speed_time_constant
     frames = {"trailer": (Error.X_I, Error.Y_I), "tractor": (Error.X_T, Error.Y_T)}
     x_i, y_i = frames[equations.trailer_error_frame]
@@ -156,12 +173,16 @@ def linearise(
     a[:, Error.Y_I, x_i] = -reference.yaw_rate_i
     a[:, Error.Y_I, Error.PSI_I] = speed_i
     a[:, Error.V, Error.V] = -1.0 / tau
+    if equations.yaw_by_speed:
+        a[:, Error.PSI_T, Error.V] = reference.yaw_rate_t / v
+        a[:, Error.PSI_I, Error.V] = reference.yaw_rate_i / v
 
     b = np.zeros((len(v), 7, 3))
-    b[:, Error.PSI_T, 0] = v / length_t
-    b[:, Error.PSI_I, 0] = equations.hitch_sign * v * vehicle.drawbar_offset / (length_t * length_i)
-    b[:, Error.PSI_I, 1] = v / length_i
-    b[:, Error.V, 2] = vehicle.speed_gain / tau
+    b[:, Error.PSI_T, Input.DELTA_T] = v / length_t
+    lever = equations.hitch_sign * vehicle.drawbar_offset
+    b[:, Error.PSI_I, Input.DELTA_T] = lever * v / (length_t * length_i)
+    b[:, Error.PSI_I, Input.DELTA_I] = v / length_i
+    b[:, Error.V, Input.HP] = vehicle.speed_gain / tau
     return a, b
 
 
@@ -186,73 +207,11 @@ def printed_feedforward(
     )
 
 
-class PaperFeedback(FeedbackLaw):
-    """Linear MPC on the printed error model, and the tanh law on the modelling error.
-
-    The paper uses a nominal tracking error zbar_e and does not define it (erratum 8). In the
-    reading `one-step` it is predicted by the linear model from the previous error and feedback,
-
-        zbar(k) = A_{k-1} z_e(k-1) + B_{k-1} u_b(k-1).
-
-    `tube` is the nominal system of Mayne, Seron and Rakovic (2005), on which the MPC acts,
-
-        zbar(k) = A_{k-1} zbar(k-1) + B_{k-1} u_b(k-1).
-
-    Both start at zbar = z_e, and start again there after a missed tick.
-    """
-
-    def __init__(
-        self, grid: ReferenceSample, vehicle: Vehicle, period_s: float, options: PaperOptions
-    ) -> None:
-        self._grid = grid
-        a, b = zero_order_hold(*linearise(grid, vehicle, options), period_s)
-        # No period starts at the last sample: it is only predicted.
-        horizon = CondensedHorizon(a[:-1], b[:-1], options, period_s)
-        self._mpc = LinearMpc(horizon)
-        self._previous: FloatArray = np.zeros(len(Input))  # u_e(k-1)
-        self._a, self._b, self._tube = a, b, options.nominal == "tube"
-        self._nominal: FloatArray | None = None  # zbar of the coming tick
-        self._tick = -1  # the coming tick
-        self._robust = None
-        if options.robust:
-            self._robust = RobustLaw(options, options.robust_sign, period_s)
-        self._to_vehicle = np.array([1.0, 1.0, 1.0 / options.hp_full_scale])
-        self._path = PredictedPath(grid)
-        self._positions = np.ascontiguousarray(horizon.stages.outputs[:, POSITIONS])
-
-    def resume(self, previous: object) -> None:
-        """Keep the input of the last tick, see `ttempc.types.Controller.resume`."""
-        if isinstance(previous, PaperFeedback):
-            self._previous = previous._previous
-
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
-        error = estimated_error(estimate, self._grid, k)
-        nominal = error if self._nominal is None or k != self._tick else self._nominal
-        mpc_state = nominal if self._tube else error
-        u_b, report = self._mpc.step(k, mpc_state, self._previous)
-        self._previous, self._tick = u_b, k + 1
-        self._nominal = self._a[k] @ mpc_state + self._b[k] @ u_b
-        u_m, z_m = np.zeros(len(Input)), None
-        if self._robust:
-            u_m, z_m = self._robust.step(k, nominal, error)
-        return Diagnostics(
-            feedback=-u_b * self._to_vehicle,
-            robust=u_m * self._to_vehicle,
-            modelling_error=z_m,
-            predicted_path=self._path.under(k, self._mpc.work, self._positions[k + 1 :]),
-            solver=report,
-            fallback="" if report.accepted else f"QP {report.status}: previous feedback held",
-        )
-
-    def prepare(self, k: int) -> None:
-        self._mpc.prepare(k)
-
-
 def paper_controller(
     vehicle: Vehicle, reference: Reference, period_s: float, options: PaperOptions = PaperOptions()
 ) -> TrackingController:
-    """Compose the paper's controller: `paper`."""
-    options = _in_paper_unit(options)
+    """Compose the paper's controller in the reading of its options."""
+    options = _in_model_units(options, period_s)
     grid = reference.on_grid(period_s, beyond=options.horizon)
     ticks = len(grid.time_s) - options.horizon
     if options.feedforward == "printed":
@@ -261,18 +220,55 @@ def paper_controller(
         feedforward = exact_feedforward(reference, ticks, period_s)
         feedforward[:, Input.DELTA_I] += grid.hitch_angle[:ticks]  # lambda_r = beta_r + delta_i_r
     feedforward[:, Input.HP] /= options.hp_full_scale
-    feedback = PaperFeedback(grid, vehicle, period_s, options)
-    limits = CommandLimits.of(vehicle, period_s)
-    measured_hitch = options.hitch_angle == "measured"
-    return TrackingController(grid, feedforward, feedback, limits, measured_hitch=measured_hitch)
+
+    a, b = zero_order_hold(*linearise(grid, vehicle, options), period_s)
+    # No period starts at the last sample: it is only predicted.
+    horizon = CondensedHorizon(a[:-1], b[:-1], options, period_s)
+    law = PaperLaw(grid, horizon, paper_tables(options, grid, period_s))
+    return TrackingController(
+        grid,
+        feedforward,
+        law,
+        CommandLimits.of(vehicle, period_s),
+        measured_hitch=_HITCH_SIGNS[options.hitch_angle],
+    )
 
 
-def _in_paper_unit(options: PaperOptions) -> PaperOptions:
+def paper_tables(options: PaperOptions, grid: ReferenceSample, period_s: float) -> PaperTables:
+    """Return the tables of the law for options in the units of the model's inputs."""
+    constants = np.zeros(CONSTANTS.itemsize // 8)
+    values = constants.view(CONSTANTS)[0]
+    for name in ("saturation", "proportional", "derivative"):
+        values[name] = getattr(options, name)
+    values["sign"] = options.robust_sign
+    values["period_s"] = period_s
+    values["nominal"] = NOMINALS[options.nominal]
+    values["from_nominal"] = options.mpc_start == "nominal"
+    values["robust"] = options.robust
+    values["full_scale"] = options.hp_full_scale
+    return PaperTables(constants, np.concatenate([grid.state, grid.trailer_xy], axis=1))
+
+
+def _in_model_units(options: PaperOptions, period_s: float) -> PaperOptions:
+    """Return the options in the units of the model's inputs: radians, stroke as of erratum 7.
+
+    The printed weights R are for the units that the reading names; a weight of an input is divided
+    by the square of its unit.
+    """
+    full_scale = options.hp_full_scale
+    hp_unit = {"percent": full_scale / _PERCENT, "fraction": full_scale}[options.hp_in_cost]
+    steering_unit = {"rad": 1.0, "deg": np.pi / 180.0, "rad/s": period_s}[options.steering_in_cost]
+    units = np.array([steering_unit, steering_unit, hp_unit])
+    in_model = np.array([1.0, 1.0, full_scale])
+
+    def scaled(values: tuple[float, ...], factors: FloatArray) -> tuple[float, ...]:
+        return tuple((np.array(values) * factors).tolist())
+
     delta_t, delta_i, hp = options.saturation
-    scale = options.hp_full_scale
     return replace(
         options,
-        input_bound=(*options.input_bound[: Input.HP], options.input_bound[Input.HP] * scale),
-        input_rate=(*options.input_rate[: Input.HP], options.input_rate[Input.HP] * scale),
-        saturation=(delta_t, delta_i, hp * scale),
+        step_weight=scaled(options.step_weight, units**-2),
+        input_bound=scaled(options.input_bound, in_model),
+        input_rate=scaled(options.input_rate, in_model),
+        saturation=(delta_t, delta_i, hp * full_scale),
     )

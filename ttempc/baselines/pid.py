@@ -208,7 +208,7 @@ class PidFeedback(FeedbackLaw):
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         course = self._course
-        grid = self._course.grid
+        grid = course.grid
         point = trailer_point(estimate.state, course.vehicle)
         z_e = tracking_error(estimate.state, point, grid.state[k], grid.trailer_xy[k])
         error = -np.array([z_e[Error.Y_T], z_e[Error.Y_I], z_e[Error.X_T]])

@@ -69,11 +69,23 @@ CONTROLLERS: Final = MappingProxyType(
             tube="required",
         ),
         "paper": ControllerEntry(
-            "the paper's equations as printed, errata 4, 6 and 7 corrected",
+            "the paper's equations, in the reading that agrees best with its own observations",
             "baselines.paper paper_controller PaperOptions",
         ),
+        "paper-rate-weight": ControllerEntry(
+            "the same with steering in rad/s in the cost: nearest to the published errors, weaves",
+            "baselines.paper paper_controller RateWeightOptions",
+        ),
+        "paper-tube": ControllerEntry(
+            "the same with the nominal system of a tube MPC, on which the MPC acts",
+            "baselines.paper paper_controller TubeOptions",
+        ),
+        "paper-subtracted": ControllerEntry(
+            "the same with the measured hitch angle subtracted: the trailer steers to its stop",
+            "baselines.paper paper_controller SubtractedOptions",
+        ),
         "paper-printed-sign": ControllerEntry(
-            "the same with erratum 6 as printed and a tube's nominal state: the vehicle is lost",
+            "paper with the sign of the robust action as printed: the vehicle is lost",
             "baselines.paper paper_controller PrintedSignOptions",
         ),
         "pid": ControllerEntry(
@@ -92,6 +104,18 @@ CONTROLLERS: Final = MappingProxyType(
             "the same with one Gauss-Newton iteration a period",
             "baselines.nmpc nmpc_controller NmpcRtiOptions",
         ),
+        "nmpc-decentralised": ControllerEntry(
+            "nmpc as a problem of the tractor and one of the trailer, which exchange nothing",
+            "baselines.nmpc nmpc_decentralised_controller NmpcOptions",
+        ),
+        "nmpc-distributed": ControllerEntry(
+            "the same with the tractor's plan known to the trailer",
+            "baselines.nmpc nmpc_distributed_controller NmpcOptions",
+        ),
+        "nmpc-path": ControllerEntry(
+            "the published NMPC: printed model, path-parametrised; with the estimator nmhe-printed",
+            "baselines.nmpc_path nmpc_path_controller NmpcPathOptions",
+        ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback",
             "laws.tracking_controller feedforward_controller",
@@ -103,7 +127,13 @@ EstimatorFactory = Callable[["Vehicle", "SensorNoise"], Estimator]
 """Makes an estimator from the model parameters and the assumed sensor noise."""
 
 
-ESTIMATORS: Final = MappingProxyType({"ekf": "estimation.ekf ExtendedKalmanFilter"})
+ESTIMATORS: Final = MappingProxyType(
+    {
+        "ekf": "estimation.ekf ExtendedKalmanFilter",
+        "nmhe": "estimation.nmhe MovingHorizonEstimator",
+        "nmhe-printed": "estimation.nmhe PrintedEstimator",
+    }
+)
 
 
 def _known(kind: str, name: str, known: Mapping[str, Any], error: type[TtempcError]) -> Any:  # noqa: ANN401 - an entry

@@ -115,8 +115,9 @@ class TrackingController(Controller):
     """Feedforward along a precomputed reference, a feedback law, and the vehicle's limits.
 
     Feedforward and actions are in terms of lambda = beta + delta_i. The command is
-    delta_i = lambda - beta, with the estimated hitch angle beta if `measured_hitch`, else with the
-    reference's.
+    delta_i = lambda - beta with the hitch angle beta of the reference. With `measured_hitch` it is
+    delta_i = lambda + `measured_hitch` * beta with the estimated one: a published controller may
+    take beta by another sign than this project (erratum 9).
 
     The vehicle is assumed to start on the reference with its inputs. Beyond the reference's end the
     reference of the last tick is tracked. Estimates must be finite: `ttempc.guidance.supervisor`
@@ -130,7 +131,7 @@ class TrackingController(Controller):
         feedback: FeedbackLaw,
         limits: CommandLimits,
         *,
-        measured_hitch: bool = False,
+        measured_hitch: float = 0.0,
         space_based: bool = False,
     ) -> None:
         self.space_based = space_based
@@ -191,7 +192,8 @@ class TrackingController(Controller):
         control = t["control"]
         control[:, 0] = self._feedforward[k]
         if self._measured_hitch:
-            control[Input.DELTA_I, 0] -= row.view(ESTIMATE)[0]["hitch_angle"]
+            angle = row.view(ESTIMATE)[0]["hitch_angle"]
+            control[Input.DELTA_I, 0] += self._measured_hitch * angle
         return told
 
     def _held_back(

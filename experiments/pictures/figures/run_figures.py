@@ -55,6 +55,8 @@ from .style import (
 _TIME_OF_ERRORS: Final = "time [s] (hatched: not counted; shaded: curves)"
 LENGTH: Final = "length of the path [m] (hatched: not counted; shaded: curves)"
 
+_ZOOM_M: Final = 1.0  # half of the width of a close-up
+_ZOOM_IN: Final = 3.6  # its height
 # Height of the whole path over its width, for lines and squares.
 _FLATTEST = 0.3
 _TALLEST = 0.8
@@ -114,6 +116,43 @@ def path_figure(record: Record) -> Figure:
     shape = float(np.clip(extent[1] / max(extent[0], 1e-9), _FLATTEST, _TALLEST))
     figure.set_figheight(shape * width_in + _TEXT_IN)
     axes = figure.subplots()
+    _draw_paths(axes, record)
+    dress(axes, "x east [m]", "y north [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    legend(axes, 4)
+    return figure
+
+
+def zoom_figure(record: Record) -> Figure:
+    """Return the paths where the tractor was farthest from its reference: straight and curve."""
+    errors = tracking_errors(record)
+    _, state, rows = rows_at_same_time(record, STATE, REFERENCE)
+    centres = record[REFERENCE].columns(*position_fields("tractor"))[rows]
+    tractor = record[STATE].columns(*position_fields("tractor"))[state]
+    parts = {"on a straight": ~errors.curved, "on a curve": errors.curved}
+    shown = {name: part & errors.counted for name, part in parts.items()}
+    shown = {name: part for name, part in shown.items() if part.any()}
+    figure = blank(_ZOOM_IN)
+    for axes, (name, part) in zip(
+        np.atleast_1d(figure.subplots(1, max(len(shown), 1))), shown.items(), strict=False
+    ):
+        places = np.flatnonzero(part)
+        farthest = places[np.argmax(errors.tractor.euclidean_m[places])]
+        _draw_paths(axes, record)
+        x, y = centres[farthest]
+        axes.plot(x, y, "o", color=GREY)
+        axes.plot(*tractor[farthest], "o", color=BODY_COLOURS["tractor"])
+        axes.set(xlim=(x - _ZOOM_M, x + _ZOOM_M), ylim=(y - _ZOOM_M, y + _ZOOM_M))
+        axes.set_aspect("equal", adjustable="box")
+        distance_cm = 100.0 * errors.tractor.euclidean_m[farthest]
+        title = f"{name}, {errors.time_s[farthest]:.0f} s: {distance_cm:.0f} cm"
+        dress(axes, "x east [m]", "y north [m]", title)
+    return figure
+
+
+def _draw_paths(axes: Axes, record: Record) -> None:
+    """Draw reference and driven paths of all points."""
+    reference = record[REFERENCE].columns(*position_fields("tractor"))
     axes.plot(*reference.T, color=PALE, linewidth=3.0, label="reference")
     for body in BODIES:
         driven = record[STATE].columns(*position_fields(body))
@@ -123,10 +162,6 @@ def path_figure(record: Record) -> Figure:
         driven = np.where(tool["lowered"] == 1.0, tool.columns("x_m", "y_m").T, np.nan)
         looks: dict[str, Any] = _line("tool") | {"label": "tool, lowered"}
         axes.plot(*driven, **looks)
-    dress(axes, "x east [m]", "y north [m]")
-    axes.set_aspect("equal", adjustable="datalim")
-    legend(axes, 4)
-    return figure
 
 
 def _line(body: str) -> dict[str, Any]:
@@ -378,6 +413,7 @@ def histogram(axes: Axes, cost_us: FloatArray, empty: str = "not recorded") -> N
 
 FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
     "path": path_figure,
+    "zoom": zoom_figure,
     "error": error_figure,
     "cross-track": cross_track_figure,
     "signals": signals_figure,
@@ -389,6 +425,8 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 
 CAPTIONS: Final = {
     "path": "Reference and driven paths.",
+    "zoom": "The same where the tractor was farthest from its time-based reference, on a straight "
+    "and on a curve. Dots: reference and tractor at that time.",
     "error": "Distance to the time-based reference, and its means.",
     "cross-track": "Error to the left of the reference over the length of the path.",
     "signals": "The three actions, the command sent, and their sum where a limit cuts it. Dashed: "

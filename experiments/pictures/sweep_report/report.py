@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from ...output import write_file
 from ...results.statistics import caveat
-from ...results.summary import ACTUATOR_USE
+from ...results.summary import ACTUATOR_USE, BEYOND, EUCLIDEAN, PARTS
 from ...results.tracking_errors import START_UP_S
 from ..figures import png
 from ..report.html import Picture, environment
@@ -25,6 +25,7 @@ from .format import format_estimate, format_numbers, format_value
 from .runs import Sweep, best, differences, groups
 
 _DPI: Final = 160.0
+_CENTRAL: Final = "nmpc"  # whose step the paper compares its own with
 _MOST_WORST: Final = 4  # runs that are listed of each controller, half of its runs at most
 
 Cell = tuple[str, float | str]
@@ -75,6 +76,11 @@ def make_report(sweep: Sweep) -> SweepReport:
     use: Columns = {"control step [µs]": ("step_us", partial(_estimated, decimals=0))}
     use |= {head: (head, _estimated) for head, _, _ in ACTUATOR_USE}
     tables["use"] = _table("Computation time, use of the actuators", table, _CONTROLLER | use)
+    tables["paper"] = _table(
+        f"Mean distance to the time-based reference; times beside those of {_CENTRAL}",
+        _beside_central(table),
+        _as_in_the_paper(),
+    )
     tables["worst"] = _table("Worst runs", _worst(sweep), _of_runs(sweep))
     sections = [
         Section(
@@ -167,6 +173,28 @@ def _means(sweep: Sweep) -> Columns:
         f"{sweep.point} sd [cm]": ("sd_cm", _estimated),
         "tractor p95 [cm]": ("tractor_cm", _estimated),
     }
+
+
+def _beside_central(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the groups with the share of the central NMPC's step, None where it was not driven."""
+    central = table.loc[table["controller"] == _CENTRAL, "step_us"]
+    step = central.iloc[0] if len(central) else None
+    shares = [own.value / step.value if own and step else None for own in table["step_us"]]
+    return table.assign(share=pd.Series(shares, table.index, dtype=object))
+
+
+def _as_in_the_paper() -> Columns:
+    """Return the columns of the paper's table, and what it says of inputs and times."""
+    two = partial(_estimated, decimals=2)
+    columns: Columns = {head: (head, two) for head, _, _ in (*EUCLIDEAN, *PARTS)}
+    columns |= {head: (head, _estimated) for head, _, _ in BEYOND}
+    columns["control step [µs]"] = ("step_us", partial(_estimated, decimals=0))
+    columns[f"of {_CENTRAL}"] = ("share", _share)
+    return _CONTROLLER | columns
+
+
+def _share(value: Any) -> Cell:  # noqa: ANN401 - an entry of a row
+    return ("–", "") if value is None else (f"{value:.2f}", value)
 
 
 def _of_pairs(against: str) -> Columns:

@@ -13,7 +13,7 @@ from ttempc.types import FloatArray
 
 from ...errors import InvalidRows
 from ...results.statistics import IntervalEstimate, mean, proportion
-from ...results.summary import ACTUATOR_USE
+from ...results.summary import ACTUATOR_USE, BEYOND, EUCLIDEAN, PARTS
 from ...studies.sweep.results import FILE, WORKING_P95, WORKING_SD, frame, rows
 from ...studies.sweep.row import Row
 from ...studies.sweep.study import Axis, DrawnAxis, Study, load_study
@@ -26,6 +26,7 @@ _WORKING: Final = [
     for column in (WORKING_P95, WORKING_SD)
     for point in ("trailer", "tool")
 ]
+_COLUMNS: Final = (*ACTUATOR_USE, *EUCLIDEAN, *PARTS, *BEYOND)
 _TEXTS: Final = ("run_id", "scenario", "controller", "status", "failure", "log")
 _NUMBERS: Final = (
     "point",
@@ -33,7 +34,7 @@ _NUMBERS: Final = (
     *_WORKING,
     _TRACTOR,
     _COST,
-    *(key for _, key, _ in ACTUATOR_USE),
+    *(key for _, key, _ in _COLUMNS),
 )
 
 _FIGURES: Final = {  # column of a report -> column of the rows, factor
@@ -41,7 +42,7 @@ _FIGURES: Final = {  # column of a report -> column of the rows, factor
     "sd_cm": (WORKING_SD, 100.0),
     "tractor_cm": (_TRACTOR, 100.0),
     "step_us": (_COST, 1.0),
-    **{head: (key, factor) for head, key, factor in ACTUATOR_USE},
+    **{head: (key, factor) for head, key, factor in _COLUMNS},
 }
 
 _UNITS: Final = {
@@ -76,7 +77,7 @@ class Sweep:
     `rows` has one row a run by increasing number, with the columns of `results.jsonl` that a report
     shows, a column per scale, and: `controller` as ordered category; `failed`; of completed runs
     `error_cm`, `sd_cm` of the working point and `tractor_cm`, all across the track, `step_us` and
-    the heads of `ACTUATOR_USE`, NaN elsewhere; `unit`, the independent unit: the drawn point, or
+    the heads of `_COLUMNS`, NaN elsewhere; `unit`, the independent unit: the drawn point, or
     else the seed.
     """
 

@@ -1,4 +1,4 @@
-"""NMPCs: solutions, limit of small errors, information, fallbacks."""
+"""NMPCs: solutions, limit of small errors, decompositions, fallbacks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.exact_qp import residuals
 from tests.ttempc.numeric import central_differences
 from ttempc.baselines import nmpc
-from ttempc.baselines.nmpc import GaussNewton, NmpcOptions, nmpc_controller
+from ttempc.baselines.gauss_newton import GaussNewton, evaluate
+from ttempc.baselines.nmpc import CENTRAL, DECENTRALISED, DISTRIBUTED, NmpcOptions, nmpc_controller
 from ttempc.guidance.controllers import make_controller
 from ttempc.mpc.qp import QP
 from ttempc.reference.path import figure_eight, straight
@@ -21,7 +22,8 @@ from ttempc.vehicle import Vehicle
 VEHICLE = Vehicle()
 EIGHT = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
 LINE = Reference(straight(60.0), VEHICLE, ConstantSpeed(1.0))
-NAMES = ("nmpc", "nmpc-rti")
+NAMES = ("nmpc", "nmpc-rti", "nmpc-decentralised", "nmpc-distributed")
+CENTRAL_NAMES = NAMES[:2]
 NOISE = np.array([0.01, 0.01, 0.006, 0.006, 0.002, 0.002, 0.02])
 DIRECTION = np.array([0.5, 1.0, 0.2, -0.1, 0.05, 0.05, 0.3])
 
@@ -36,7 +38,7 @@ def first_move(controller, reference, offset, k=0):
     return step.command.as_array()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", CENTRAL_NAMES)
 def test_first_move_tends_to_the_linear_one_for_small_errors(name):
     """The linear model neglects terms of second order in the error."""
 
@@ -59,41 +61,84 @@ class Checking(GaussNewton):
 
     checked = 0
 
-    def minimise(self, task, steps):
-        plan = super().minimise(task, steps)
-        errors, jacobian = np.empty_like(self._errors), np.empty_like(self._jacobian)
+    def __init__(self, *arguments):
+        super().__init__(*arguments, tolerance=1e-9)
 
-        def cost(given):
-            self._model.evaluate(task, given, errors, jacobian)
-            return np.array([np.sum(self._weight * errors**2) + self._step_weight @ given**2])
-
-        (slope,) = central_differences(cost, plan.steps)
-        held = np.tile(task.previous, len(steps) // len(task.previous))
-        linear = QP(
-            hessian=np.zeros((len(steps), len(steps))),
-            gradient=slope,
-            matrix=self._sums,
-            row_lower=task.bounds.lower - held,
-            row_upper=task.bounds.upper - held,
-            lower=task.bounds.step_lower,
-            upper=task.bounds.step_upper,
-        )
-        primal, stationarity = residuals(linear, plan.steps)
-        assert primal < 1e-9
-        assert stationarity < 1e-5
-        Checking.checked += 1
+    def minimise(self, task):
+        before = task.motion.copy()
+        plan = super().minimise(task)
+        after = task.motion.copy()
+        for problem in self.problems:
+            # a trailer that is first has taken the motion that was given
+            task.motion[:] = after if self.first.model.block.tractor else before
+            self.check(task, problem, plan)
         return plan
 
+    def check(self, task, problem, plan):
+        own, solution = problem.model.block.inputs, problem.vectors[2].copy()
+        size, outputs = len(solution), len(problem.weight)
+        errors = np.empty((len(task.poses), outputs))
+        jacobian = np.empty((len(task.poses), outputs, size))
 
-def test_converged_plans_satisfy_the_optimality_conditions(monkeypatch):
-    """The slope of the cost by differences, and the bounds that are active."""
-    monkeypatch.setattr(nmpc, "_TOLERANCE", 1e-9)
+        def cost(given):
+            problem.vectors[1] = given
+            evaluate(task, problem, errors, jacobian)
+            return np.array([np.sum(problem.weight * errors**2) + problem.step_weight @ given**2])
+
+        (slope,) = central_differences(cost, solution)
+        moves = size // len(own)
+        lower, upper, step_lower, step_upper = problem.limits
+        linear = QP(
+            hessian=np.zeros((size, size)),
+            gradient=slope,
+            matrix=np.kron(np.tril(np.ones((moves, moves))), np.eye(len(own))),
+            row_lower=lower,
+            row_upper=upper,
+            lower=step_lower,
+            upper=step_upper,
+        )
+        primal, stationarity = residuals(linear, solution)
+        assert primal < 1e-9
+        assert stationarity < 1e-5
+        np.testing.assert_allclose(plan.steps[:, own].ravel(), solution)
+        Checking.checked += 1
+
+
+@pytest.mark.parametrize("decomposition", [CENTRAL, DECENTRALISED, DISTRIBUTED])
+def test_converged_plans_satisfy_the_optimality_conditions(decomposition, monkeypatch):
+    """The slope of the cost by differences, and the bounds that are active, of each block."""
     monkeypatch.setattr(nmpc, "GaussNewton", Checking)
-    controller = nmpc_controller(VEHICLE, EIGHT, PERIOD_S, NmpcOptions(damping_s=0.0))
+    monkeypatch.setattr(Checking, "checked", 0)
+    options = NmpcOptions(damping_s=0.0)
+    controller = nmpc_controller(VEHICLE, EIGHT, PERIOD_S, options, decomposition)
     generator = np.random.default_rng(3)
     for k in range(60, 68):  # from the straight into the curve
         first_move(controller, EIGHT, NOISE * generator.standard_normal(7), k)
-    assert Checking.checked == 8
+    assert Checking.checked == 8 * len(decomposition)
+
+
+# With next to no weight on the trailer its tractor does not take it into account, whose own
+# problem has slow steps.
+LIGHT = ALIKE | {"output_weight": (1.0, 1.0, 1e-6, 2e-6), "step_weight": (0.1, 1e-5, 0.1)}
+
+
+def light_move(name):
+    controller = make_controller(name, VEHICLE, EIGHT, PERIOD_S, options=LIGHT)
+    return first_move(controller, EIGHT, 0.02 * DIRECTION, 65)
+
+
+@pytest.mark.parametrize("name", ["nmpc-decentralised", "nmpc-distributed"])
+def test_a_tractor_without_care_for_its_trailer_steers_as_in_the_whole_problem(name):
+    np.testing.assert_allclose(light_move(name)[[0, 2]], light_move("nmpc")[[0, 2]], atol=1e-5)
+
+
+def test_a_trailer_that_knows_its_tractors_motion_steers_as_in_the_whole_problem():
+    whole, known, kept = (
+        light_move(name)[1] for name in ("nmpc", "nmpc-distributed", "nmpc-decentralised")
+    )
+    assert known == pytest.approx(whole, abs=5e-5)  # its Runge-Kutta steps are longer
+    assert abs(whole) < 0.1  # within the bounds
+    assert abs(kept - whole) > 1e-4  # it takes its tractor to keep its distance
 
 
 @pytest.mark.parametrize("name", NAMES)

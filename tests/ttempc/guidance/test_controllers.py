@@ -37,11 +37,13 @@ def test_printed_sign_loses_the_vehicle():
     assert drive(make("paper-printed-sign"), REFERENCE).lost
 
 
-def test_sign_decides_in_the_tube_reading_only():
+def test_sign_decides_unless_the_nominal_state_is_a_one_step_prediction():
     """The one-step modelling error does not remember where the vehicle is (errata 6 and 8)."""
-    assert not drive(paper(nominal="tube", robust_sign=-1), REFERENCE, NOISE).lost
-    assert drive(paper(nominal="tube", robust_sign=1), REFERENCE, NOISE).lost
-    assert not drive(paper(nominal="one-step", robust_sign=1), REFERENCE, NOISE).lost
+    tube = {"nominal": "model", "mpc_start": "nominal"}
+    assert not drive(paper(**tube), REFERENCE, NOISE).lost
+    assert drive(paper(**tube, robust_sign=1), REFERENCE, NOISE).lost
+    one_step = {"nominal": "one-step", "hp_in_cost": "fraction", "hitch_angle": "subtracted"}
+    assert not drive(paper(**one_step, robust_sign=1), REFERENCE, NOISE).lost
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

@@ -12,6 +12,7 @@ from tests.ttempc.closed_loop import seen_truth
 from tests.ttempc.tubes import DESIGN, PERIOD_S, VEHICLE
 from ttempc.baselines.lqr import LqrOptions
 from ttempc.baselines.nmpc import NmpcOptions
+from ttempc.baselines.nmpc_path import NmpcPathOptions
 from ttempc.baselines.paper import PaperOptions
 from ttempc.baselines.pid import PidOptions
 from ttempc.errors import InvalidTuning
@@ -61,7 +62,11 @@ CHANGES = {
         "trailer_error_frame": "tractor",
         "robust_sign": 1,
         "hp_full_scale": 100,
-        "nominal": "tube",
+        "nominal": "model",
+        "mpc_start": "nominal",
+        "yaw_by_speed": True,
+        "hp_in_cost": "fraction",
+        "steering_in_cost": "rad/s",
     },
     MpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02)},
     LqrOptions: {
@@ -76,6 +81,7 @@ CHANGES = {
         "least_speed_mps": 1.5,
     },
     NmpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02), "iterations": 1},
+    NmpcPathOptions: {"moves": 5, "look_ahead_m": 0.8, "parametrised_by": "time"},
 }
 NAMES = {entry.options: name for name, entry in reversed(CONTROLLERS.items()) if entry.options}
 

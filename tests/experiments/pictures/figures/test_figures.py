@@ -57,6 +57,18 @@ def test_the_path_figure_shows_both_driven_paths(run):
         np.testing.assert_array_equal(line(axes, body), run[STATE].columns(*fields))
 
 
+def test_close_ups_are_centred_where_the_tractor_was_farthest(run):
+    errors = tracking_errors(run)
+    for axes in FIGURES["zoom"](run).axes:
+        dots = [line.get_xydata()[0] for line in axes.lines if line.get_marker() == "o"]
+        centre = np.mean([axes.get_xlim(), axes.get_ylim()], axis=1)
+        np.testing.assert_allclose(dots[0], centre, atol=1e-9)
+        distance = np.hypot(*(dots[1] - dots[0]))
+        part = errors.curved if "curve" in axes.get_title(loc="left") else ~errors.curved
+        largest = errors.tractor.euclidean_m[part & errors.counted].max()
+        assert distance == pytest.approx(largest)
+
+
 def test_the_error_figure_shows_the_distance_to_the_reference(run):
     errors = tracking_errors(run)
     for axes, body in zip(FIGURES["error"](run).axes, ("tractor", "trailer"), strict=True):

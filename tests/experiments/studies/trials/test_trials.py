@@ -217,7 +217,7 @@ def test_bad_input_gets_one_line_before_any_run(tmp_path, monkeypatch, capsys):
         (["pid", "--quick", "--seeds-file", "x"], "--quick"),
         (["--compare", "a.json", "b.json"], "a.json"),
         (["ttempc", "--set", OWN_SPEED], "corridor"),
-        (["proving_ground.experiments.papers.kayacan.nmpc:controller"], "space_based"),
+        (["nmpc-path"], "space_based"),
     ):
         assert main(["bench", *words]) == 2
         line = capsys.readouterr().err

@@ -1,8 +1,9 @@
-"""Moving-horizon estimator of state and slip factors on the printed model.
+"""Moving-horizon estimators of state and slip factors.
 
-The companion of `nmpc`. That the published NMPC had a moving-horizon estimator of state and
-slip factors is in the paper; the window of 3 s, the deterministic model within it and the factors'
-range are from memory of the same source; the noise of the arrival cost is assumed.
+That the published NMPC of the paper's vehicle had a moving-horizon estimator of state and slip
+factors is in the paper; the window of 3 s, the deterministic model within it and the factors' range
+are from memory of Kayacan, Kayacan, Ramon and Saeys (2015), see `ttempc.models.printed`. The noise
+of the arrival cost is assumed.
 """
 
 import math
@@ -11,27 +12,29 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.estimation.filter.start import first_state
-from ttempc.estimation.noise import SensorNoise
-from ttempc.models.kinematics import wrap_angle
-from ttempc.mpc.qp import QP, CheckedSolver
-from ttempc.sensors import STARTING_SENSORS
-from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
-from ttempc.vehicle import Vehicle
-
-from .model import (
+from ..models.kinematics import wrap_angle
+from ..models.printed import (
     FACTORS,
     STATES,
     WINDOW_INPUTS,
     along_window,
+    geometric_parameters,
     printed_parameters,
 )
+from ..mpc.qp import QP, CheckedSolver
+from ..sensors import STARTING_SENSORS
+from ..types import Command, Estimate, Estimator, FloatArray, Measurement, Sensor, State
+from ..vehicle import Vehicle
+from .filter.start import first_state
+from .noise import SensorNoise
 
 PERIODS: Final = 15  # updates in the window: 3 s at 5 Hz; from memory
-FACTOR_MIN, FACTOR_MAX = 0.25, 1.0  # from memory
+FACTOR_MIN: Final = 0.25  # from memory
+FACTOR_MAX: Final = 1.0  # from memory
 _SIZE = STATES + FACTORS
-_POSITIONS, _SPEED = [0, 1, 3, 4], 6
-_OUTPUTS = [*_POSITIONS, _SPEED]
+_SPEED: Final = STATES - 1
+_OUTPUTS: Final = [0, 1, 3, 4, _SPEED]  # positions of both axle points, speed of the rims
+_ENCODER: Final = 4  # its place among the outputs
 
 # Standard deviations that the arrival cost gathers, all assumed: of x, y [m], psi [rad] of tractor
 # and trailer, of the speed [m/s] and of the factors, each by the square root of a second.
@@ -39,10 +42,11 @@ _WALK = np.array([0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.05, 0.02, 0.05, 0.05])
 _START_SD = np.array([0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.1, 0.2, 0.2, 0.2])
 
 
-class Estimator:
+class MovingHorizonEstimator(Estimator):
     """Estimate first state and slip factors of a window of `PERIODS` updates by least squares.
 
-    Within the window the printed model runs without noise under the measured steering and hitch
+    Within the window the model of `ttempc.models.printed`, its yaw equation of the trailer by
+    geometry, runs without noise under the measured steering and hitch
     angles, averaged over each period, and the hydrostat commands. Residuals are those of both GNSS
     positions and of the encoder's mean. The arrival cost is the information of all samples before
     the window, by a step of an extended Kalman filter each time that the window moves on (Rao,
@@ -60,7 +64,7 @@ class Estimator:
     def __init__(self, vehicle: Vehicle, sensor_noise: SensorNoise | None = None) -> None:
         self._vehicle = vehicle
         self._noise = sensor_noise or SensorNoise()
-        self._parameters = printed_parameters(vehicle)
+        self._parameters = self._model(vehicle)
         self._qp = CheckedSolver()
         self._readings: dict[Sensor, Measurement] = {}  # the newest of each sensor
         self._time_s = math.nan
@@ -72,6 +76,11 @@ class Estimator:
         self._prior = np.zeros(_SIZE)
         self._covariance = np.diag(np.square(_START_SD))
 
+    @staticmethod
+    def _model(vehicle: Vehicle) -> FloatArray:
+        """Return the parameters of the model, (5,)."""
+        return geometric_parameters(vehicle)
+
     def warm_up(self) -> None:
         """Compile the model of the window; the estimator's state does not change."""
         along_window(self._parameters, self._prior, self._inputs)
@@ -79,7 +88,7 @@ class Estimator:
     def update(
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
     ) -> Estimate:
-        """Return the estimate at `time_s`, as `Estimator.update`."""
+        """Return the estimate at `time_s`, see `ttempc.types.Estimator.update`."""
         samples = [
             item
             for item in measurements
@@ -147,8 +156,8 @@ class Estimator:
                 self._precision[-1, place : place + 2] = self._noise.of(sensor) ** -2
         count = sum(item.sensor is Sensor.ENCODER for item in samples)
         if count:
-            self._measured[-1, 4] = self._mean(samples, Sensor.ENCODER)
-            self._precision[-1, 4] = count * self._noise.of(Sensor.ENCODER) ** -2
+            self._measured[-1, _ENCODER] = self._mean(samples, Sensor.ENCODER)
+            self._precision[-1, _ENCODER] = count * self._noise.of(Sensor.ENCODER) ** -2
 
     def _improve(self) -> None:
         """Take one Gauss-Newton step of the window's problem."""
@@ -209,3 +218,11 @@ class Estimator:
             hitch_angle=wrap_angle(beta) if math.isfinite(beta) else beta,
             slip_factors=unknowns[STATES:].copy(),
         )
+
+
+class PrintedEstimator(MovingHorizonEstimator):
+    """The same on the model as printed: the companion of `nmpc-path`."""
+
+    @staticmethod
+    def _model(vehicle: Vehicle) -> FloatArray:
+        return printed_parameters(vehicle)

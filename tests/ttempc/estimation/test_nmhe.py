@@ -1,26 +1,30 @@
-"""Moving-horizon estimator on the printed model: states and slip factors of that model."""
+"""Moving-horizon estimators: states and slip factors of that model."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from proving_ground.experiments.papers.kayacan.model import advance_printed, printed_parameters
-from proving_ground.experiments.papers.kayacan.nmhe import FACTOR_MAX, FACTOR_MIN, Estimator
 
 from tests.ttempc.closed_loop import PERIOD_S
+from ttempc.estimation.nmhe import (
+    FACTOR_MAX,
+    FACTOR_MIN,
+    MovingHorizonEstimator,
+    PrintedEstimator,
+)
+from ttempc.models.printed import advance_printed, geometric_parameters, printed_parameters
 from ttempc.types import Command, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
-pytestmark = pytest.mark.slow  # of the papers, not of the product
-
 VEHICLE = Vehicle()
+KINDS = {PrintedEstimator: printed_parameters, MovingHorizonEstimator: geometric_parameters}
 
 
-def estimates(factors, noise, ticks=150, seed=1, gap=range(0)):
-    """Drive the printed model with slip `factors`; return truth (ticks, 7) and estimates."""
+def estimates(factors, noise, ticks=150, seed=1, gap=range(0), kind=PrintedEstimator):
+    """Drive the estimator's model with slip `factors`; return truth (ticks, 7) and estimates."""
     generator = np.random.default_rng(seed)
-    parameters, given = printed_parameters(VEHICLE), np.array(factors)
-    estimator = Estimator(VEHICLE)
+    parameters, given = KINDS[kind](VEHICLE), np.array(factors)
+    estimator = kind(VEHICLE)
     z = np.array([0.0, 0.0, 0.0, -2.4, 0.0, 0.0, 1.0])
     truth, found, command = [], [], None
     steering = np.array([0.0, 0.0, 0.72, 0.0])
@@ -53,9 +57,10 @@ def estimates(factors, noise, ticks=150, seed=1, gap=range(0)):
     return np.array(truth), found
 
 
-def test_finds_state_and_slip_factors_of_its_model():
+@pytest.mark.parametrize("kind", KINDS)
+def test_finds_state_and_slip_factors_of_its_model(kind):
     factors = (0.85, 0.8, 0.7)
-    truth, found = estimates(factors, noise=0.0)
+    truth, found = estimates(factors, noise=0.0, kind=kind)
     last = found[-1]
     np.testing.assert_allclose(last.slip_factors, factors, atol=0.02)
     np.testing.assert_allclose(last.state[:2], truth[-1, :2], atol=0.005)

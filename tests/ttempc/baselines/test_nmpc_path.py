@@ -1,28 +1,23 @@
-"""NMPC on the printed model: equations, discretisation, space-based targets, closed loop."""
+"""Published NMPC: equations, discretisation, path-parametrised targets, closed loop."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from proving_ground.experiments.papers.kayacan.model import (
-    advance_printed,
-    along_window,
-    printed_parameters,
-)
-from proving_ground.experiments.papers.kayacan.nmpc import (
-    PrintedNmpcOptions,
-    SpaceBasedTargets,
-    controller,
-)
 from scipy.integrate import solve_ivp
 
 from tests.ttempc.closed_loop import PERIOD_S
+from ttempc.baselines.nmpc_path import NmpcPathOptions, Targets, nmpc_path_controller
+from ttempc.models.kinematics import articulated
+from ttempc.models.printed import (
+    advance_printed,
+    along_window,
+    geometric_parameters,
+    printed_parameters,
+)
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Estimate
 from ttempc.vehicle import Vehicle
-
-pytestmark = pytest.mark.slow  # of the papers, not of the product
 
 VEHICLE = Vehicle()
 EIGHT = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
@@ -97,11 +92,11 @@ def test_window_is_the_model_and_its_derivatives_are_its_differences():
 
 
 def test_fixed_target_lies_ahead_of_the_nearest_point_by_the_look_ahead():
-    options = PrintedNmpcOptions(look_ahead_m=1.6)
-    targets = SpaceBasedTargets(EIGHT, PERIOD_S, options)
+    options = NmpcPathOptions(look_ahead_m=1.6)
+    targets = Targets(EIGHT, PERIOD_S, options)
     for s in np.arange(0.5, 60.0, 3.1):
         x, y, heading = EIGHT.path.pose(s)
-        rows = targets.at(x - 0.4 * np.sin(heading), y + 0.4 * np.cos(heading))
+        rows = targets.at(0, x - 0.4 * np.sin(heading), y + 0.4 * np.cos(heading))
         assert np.all(rows == rows[0])
         ahead = EIGHT.at(s + 1.6)  # at 1 m/s
         expected = [*ahead.state[:3], *ahead.trailer_xy, ahead.state[3], 1.0]
@@ -109,7 +104,7 @@ def test_fixed_target_lies_ahead_of_the_nearest_point_by_the_look_ahead():
 
 
 def test_on_its_own_model_it_brings_both_points_back_to_a_line():
-    law, start, beta = controller(VEHICLE, LINE, PERIOD_S), LINE.at(0.0), 0.07
+    law, start, beta = nmpc_path_controller(VEHICLE, LINE, PERIOD_S), LINE.at(0.0), 0.07
     z = np.array([*start.state[:3], *start.trailer_xy, start.state[3], 1.0])
     z[[1, 4]] += 0.3
     for k in range(150):
@@ -118,3 +113,26 @@ def test_on_its_own_model_it_brings_both_points_back_to_a_line():
         command = law.step(estimate, k).command
         z = after(z, [command.delta_t, command.delta_i + beta, command.hp], [1, 1, 1, beta, 0], 0.2)
     assert np.abs(z[[1, 4]]).max() < 0.02
+
+
+def test_targets_by_time_are_the_reference_of_the_coming_ticks():
+    targets = Targets(EIGHT, PERIOD_S, NmpcPathOptions(parametrised_by="time"))
+    rows = targets.at(40, 0.0, 0.0)
+    ahead = EIGHT.at(PERIOD_S * np.arange(41, 56))
+    expected = np.column_stack(
+        [ahead.state[:, :3], ahead.trailer_xy, ahead.state[:, 3], ahead.state[:, 6]]
+    )
+    np.testing.assert_allclose(rows, expected, atol=1e-12)
+
+
+def test_yaw_by_geometry_is_that_of_the_articulated_model_at_straight_trailer_wheels():
+    """Printed and geometric parameters differ in the trailer's yaw equation alone (erratum 1)."""
+    z, steering = np.array([0.0, 0.0, 0.3, -2.4, 0.0, 0.1, 1.0]), np.array([0.15, 0.0, 0.7, 0.2])
+    state = np.array([0.0, 0.0, 0.3, 0.1, 0.15, 0.0, 1.0])  # lambda = beta, delta_i = 0
+    expected = articulated(state, np.array([0.15, 0.0, 0.7]), VEHICLE)
+    end, short_s = z.copy(), 1e-6
+    advance_printed(
+        end, steering, np.ones(3), geometric_parameters(VEHICLE), short_s, np.empty((7, 13))
+    )
+    yaw_rate = (end[5] - z[5]) / short_s
+    np.testing.assert_allclose(yaw_rate, expected[3], rtol=1e-5)
