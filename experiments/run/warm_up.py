@@ -33,28 +33,16 @@ def _start() -> None:
 
 
 def _compile() -> None:
-    """Compile correction, controller, detectors and physics steps of the default scenario."""
-    import numpy as np
+    """Compile detectors, supervisor and default controller.
 
-    from ttempc.estimation.filter.correct import CORRECTION_SIZE, Reading, correct
-    from ttempc.estimation.filter.records import SNAPSHOT_SIZE, filter_parameters
-    from ttempc.estimation.noise import ProcessNoise, SensorNoise
-    from ttempc.types import Command
-    from ttempc.vehicle import Vehicle
+    The command itself begins with the physics and the filter: the two processes compile different
+    kernels, in about the same time.
+    """
+    from ttempc import Guidance, Vehicle, figure_eight
 
-    parameters = filter_parameters(Vehicle(), SensorNoise(), ProcessNoise())
-    reading = Reading(sensor=0, first=0.0, second=0.0, variance=1.0)
-    snapshot = np.zeros(SNAPSHOT_SIZE)
-    correct(parameters, snapshot, reading, False, False, np.empty(CORRECTION_SIZE))
-
-    from ..scenario.scenario import load
-    from .assembly import assemble
-
-    _, scenario = load("grass", ["path={kind='straight', length_m=6}"])
-    assembly = assemble(scenario, seed=1)
-    assembly.guidance.warm_up()
-    assembly.plant.restore(assembly.start)
-    assembly.plant.advance(Command(0.0, 0.0, 0.0), 1)
+    guidance = Guidance(Vehicle(), figure_eight())
+    for part in (guidance._monitors, guidance._supervisor, guidance._pipeline.controller):
+        part.warm_up()
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ class SensedDrive:
     def run(self, ticks: int) -> SensedDrive:
         """Drive for `ticks` control periods."""
         self._generator = np.random.default_rng(self.seed)
-        controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
+        controller = make_controller("paper-subtracted", VEHICLE, REFERENCE, PERIOD_S)
         augmented, command = np.zeros(SIZE), None
         augmented[:STATES] = REFERENCE.at(0.0).state
         self._valves = augmented[AugmentedState.DELTA_T : AugmentedState.WHEEL_SPEED].copy()

@@ -289,10 +289,19 @@ class PaperLaw(FeedbackLaw):
         self.report: SolverReport | None = None  # of the last QP that a solver answered
 
     def resume(self, previous: object) -> None:
-        """Keep the input of the last tick, see `ttempc.types.Controller.resume`."""
-        if isinstance(previous, PaperLaw):
-            earlier = previous._memory.view(MEMORY)[0]
-            self._memory.view(MEMORY)[0]["feedback"] = earlier["feedback"]
+        """Keep the input of the last tick, see `ttempc.types.Controller.resume`.
+
+        Where zbar is the reference the modelling error goes on too, whose derivative the robust law
+        takes; a nominal error of the other readings is one to another reference, and starts anew.
+        """
+        if not isinstance(previous, PaperLaw):
+            return
+        mine = self._memory.view(MEMORY)[0]
+        earlier = previous._memory.view(MEMORY)[0]
+        mine["feedback"] = earlier["feedback"]
+        if self._tables.constants.view(CONSTANTS)[0]["nominal"] == _REFERENCE:
+            mine["modelling"] = earlier["modelling"]
+            mine["last"] = earlier["last"]
 
     def act(self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray) -> None:
         """Write the actions of tick `k` into the record `TICK`, see `FeedbackLaw.act`."""

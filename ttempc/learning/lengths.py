@@ -499,12 +499,12 @@ def likely_lengths(
     for _ in range(_MOST_LIKELY_STEPS):
         _, normal, gradients, _ = data.run(_with_lengths(vehicle, lengths))
         information = normal[:_N, :_N] + weak
-        gradient = gradients[:, :_N].sum(axis=0)
-        step = -np.linalg.solve(information, gradient)
+        gradients = gradients[:, :_N]
+        step = -np.linalg.solve(information, gradients.sum(axis=0))
         step = np.clip(step, -_LARGEST_STEP * lengths, _LARGEST_STEP * lengths)
         lengths = lengths + step
-        if step @ normal @ step < _CONVERGED_SD**2:
-            return lengths, _covariance(normal, gradients)
+        if step @ information @ step < _CONVERGED_SD**2:
+            return lengths, _covariance(information, gradients)
     return None
 
 

@@ -130,7 +130,8 @@ def zoom_figure(record: Record) -> Figure:
     centres = record[REFERENCE].columns(*position_fields("tractor"))[rows]
     tractor = record[STATE].columns(*position_fields("tractor"))[state]
     parts = {"on a straight": ~errors.curved, "on a curve": errors.curved}
-    shown = {name: part & errors.counted for name, part in parts.items()}
+    known = np.isfinite(errors.tractor.euclidean_m) & np.isfinite(centres).all(axis=1)
+    shown = {name: part & errors.counted & known for name, part in parts.items()}
     shown = {name: part for name, part in shown.items() if part.any()}
     figure = blank(_ZOOM_IN)
     for axes, (name, part) in zip(

@@ -1,6 +1,7 @@
 """`[sensors]` and `[actuators]`: presets, laws of their errors, and what a record has of them."""
 
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
 from proving_ground.testbed.sensing.sensor_specification import SENSOR_PRESETS
 
+DEFAULTS = str(Path(__file__).with_name("defaults.toml"))
 FIELD = 'sensors.preset="field"'
 SHORT = "path={kind='straight', length_m=8}"
 IMU = tuple(name for name in MEASUREMENT.fields if name.startswith("imu"))
 
 
-def sensors(*overrides, name="kayacan2016"):  # which has no such table
+def sensors(*overrides, name=DEFAULTS):
     return load(name, overrides)[1].sensors
 
 

@@ -18,9 +18,10 @@ def differences(*overrides, name="grass"):
     return {item.key: (item.plant, item.model) for item in scenario.vehicles().mismatch}
 
 
-def test_shipped_scenarios_have_no_parameter_mismatch():
+def test_one_shipped_scenario_has_a_parameter_mismatch():
+    declared = {"kayacan2016": {"speed_gain_mps": (1.225, 1.4)}}
     for name in shipped():
-        assert differences(name=name) == {}
+        assert differences(name=name) == declared.get(name, {}), name
     assert differences("plant.vehicle.drawbar_m=1.1", "controller.vehicle.drawbar_m=1.1") == {}
     assert load("grass")[1].vehicles().model == Vehicle()  # the paper's, default of the library
 
