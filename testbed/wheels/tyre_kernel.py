@@ -119,10 +119,11 @@ def _contact_patch(
     radius: float,
     width: float,
 ) -> tuple[float, Vector, Vector]:
-    """Return the Winkler bed under a disc: depth, gradient of its energy, first moment.
+    """Return the Winkler bed under a disc: depth, force over its stiffness, first moment.
 
     The depth [m] is the mean over the fan of look-ups, and the moment [m2] the sum of depth times
-    arm from the wheel's centre. The gradient [m] points out of the ground.
+    arm from the wheel's centre. The force over the
+    stiffness [m], minus the gradient of the bed's energy, points out of the ground.
     """
     grid = surface.grid
     heights = surface.heights

@@ -240,7 +240,7 @@ def observe_protection(memory: Record, last: Record, board: Record, data: TickDa
 
 @kernel
 def excludes_gnss(memory: Record, last: Record, board: Record, now: float) -> bool:
-    """Return whether GNSS is not used because the position has jumped, as while the vehicle rolls.
+    """Return whether GNSS is excluded: the position has jumped and the vehicle rolls.
 
     Where the wheels may spin, dead reckoning is worse than GNSS.
     """

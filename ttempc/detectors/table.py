@@ -1,6 +1,6 @@
 """Table of the built-in detectors: name, limit, reaction, excluded sensors, reason in words.
 
-Limits of readings, steering, standstill, motion, wheels and innovations give at most one false
+Limits of repetitions, steering, standstill, motion, wheels and innovations give at most one false
 alarm in ten hours together on every shipped scenario, from drives with tuning seeds. Those of
 hitch and position are set by hand above what fault-free drives reached; that of drift is a trade of
 stops for a check against the distance until a drift is found. How often they are wrong is in the
@@ -56,7 +56,7 @@ class BuiltIn:
     limit: float  # above which the statistic begins an alarm
     reaction: Reaction
     words: str | Words  # a format of the three numbers, or a function
-    sensors: tuple[Sensor, ...] = ()  # that an alarm excludes, see `exclude_sensors`
+    sensors: tuple[Sensor, ...] = ()  # named in the alarm; `exclusion.py` decides what is excluded
 
     def alarm(self, reaction: Reaction, numbers: Sequence[float]) -> Alarm:
         """Return the alarm of a reaction and three numbers."""
@@ -165,7 +165,7 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         limit=1.0,  # of a distance over its bound
         reaction=Reaction.STOP_ON_PATH,
         words="position is {:.1f} m off dead reckoning",
-        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # until the vehicle has_alarm
+        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
     ),
     DetectorIndex.DRIFT: BuiltIn(
         name="drift",

@@ -239,7 +239,8 @@ def _measure_range(memory: Record, mean: float) -> None:
 def _shift_response(memory: Record, data: TickData, samples: Samples, axis: int) -> int:
     """Write the mean response in the span of the samples, late by 0, 1, 2, ... intervals.
 
-    Returns the number of intervals, 0 where the response does not reach back that far.
+    Returns the number of intervals, 0 where the response does not reach back that far. Row 0 of a
+    history has the count of its entries, which are 1 to count; `first` and `last` only move back.
     """
     response = memory.response
     longest_s = data.parameters[VehicleParameter.DEAD_TIME_T + axis] + _UNKNOWN_S
@@ -343,8 +344,8 @@ def _find_least(least: Record, memory: Record, possible: bool) -> None:
 def _refute_intervals(memory: Record, now: float, limit: float) -> None:
     """Find the intervals that agree best, and those that the valve contradicts.
 
-    An interval that the valve contradicts while it follows another one, as by sums above and below
-    a limit, is refuted for a minute. Where the valve moves, no possible interval agrees and a
+    While the best interval is within the limit, every interval with a sum above it is refuted for a
+    minute. Where the valve moves, no possible interval agrees and a
     refuted one does, the refutations were mistaken.
     """
     _find_least(memory.least_of_all, memory, False)

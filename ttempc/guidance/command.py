@@ -68,8 +68,8 @@ def write_command(
     To stop, the hydrostat ramps to 0 at its rate.
 
     Args:
-        own: whether the record has the actions of a controller without limits of its own; else it
-            has the command of a user's controller, with what that says of limits.
+        is_packaged: whether the record has the actions of a controller of the package, without
+            limits; else it has the command of a user's, with what that says of limits.
         reference: with the limits of the vehicle.
         commands: with dead times the commands as they act together, newest first, (count, 3);
             without them (0, 3).
@@ -108,7 +108,7 @@ def write_command(
 
 @_kernel
 def _largest_hydrostat(t: Record, reference: SupervisedReference) -> float:
-    """Return the largest magnitude of the hydrostat's position.
+    """Return the largest magnitude of the hydrostat's position; write the reason `CORRIDOR`.
 
     Half the reference's where there is a reason for half speed, 0 for a stop on the path. A
     corridor is a reason unless the vehicle lags a metre behind already.

@@ -96,8 +96,9 @@ class Supervisor:
     To stop, the hydrostat ramps to 0 at its rate and both steering angles are held. Every action
     is reported in `Diagnostics.fallback`.
 
-    While the supervisor slows or stops the vehicle, and until it is up to speed again, the
-    reference waits at every tick at which it is ahead of the vehicle (`waits`).
+    While the supervisor slows or stops the vehicle, except for a corridor or the hitch angle, and
+    until it is up to speed again, the reference waits at every tick at which it is ahead of the
+    vehicle (`waits`).
 
     `reasons` returns the words of an alarm from its row and its three numbers.
     """

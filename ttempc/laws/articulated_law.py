@@ -51,7 +51,9 @@ def compute_error(
     memory: FloatArray,
     tick: FloatArray,
 ) -> None:
-    """Write the error on which the MPC acts at tick `k` and its previous input into `work`.
+    """Write the error on which the MPC acts and its previous input into `work`.
+
+    `k` is the row of the tables, the tick of the reference less `MEMORY.table_offset`.
 
     The robust action, where there is one, goes into `MEMORY.action`, and what it finds into the
     record `tick`. `estimate` is a finite record `ESTIMATE`, `sent` the command of the previous
@@ -60,11 +62,15 @@ def compute_error(
     s = record(memory, MEMORY)
     t = record(tick, TICK)
     constants = record(law.constants, LAW)
-    at = k + int(s.table_offset)
-    before = max(at - 1, 0)
+    reference_tick = k + int(s.table_offset)
+    before = max(reference_tick - 1, 0)
 
     write_reference_error(
-        law.reference[at], estimate, constants.wheelbase, constants.time_constant, work.state
+        law.reference[reference_tick],
+        estimate,
+        constants.wheelbase,
+        constants.time_constant,
+        work.state,
     )
     for i in range(STATES, ERRORS):
         work.state[i] *= constants.disturbances
@@ -135,7 +141,7 @@ def write_actions(
     s = record(memory, MEMORY)
     t = record(tick, TICK)
     bounds = stages.bounds
-    at = k + int(s.table_offset)
+    reference_tick = k + int(s.table_offset)
     has_tube = law.reserve.shape[0] > 0
     if outcome == CLOSED_FORM:
         write_closed_form(tick)
@@ -159,7 +165,7 @@ def write_actions(
     if accepted:
         remember_plan(k, work, memory)
     for i in range(INPUTS):
-        t.control[i, ControlColumn.FEEDFORWARD] = law.feedforward[at, i]
+        t.control[i, ControlColumn.FEEDFORWARD] = law.feedforward[reference_tick, i]
         t.control[i, ControlColumn.FEEDBACK] = -s.feedback[i]
         t.control[i, ControlColumn.ROBUST] = s.action[i]
 
@@ -223,7 +229,7 @@ class ArticulatedLaw(FeedbackLaw):
         self._table_offset = 0  # ticks of the reference by which it is beyond the tables
         self._until = 2.0 * lap  # first tick that needs another offset
         self._memory = new_memory()
-        self.report: SolverReport | None = None  # of the last QP that a solver answered
+        self.report: SolverReport | None = None  # of this tick's QP; None: answered in closed form
         self._last: tuple[FloatArray, ...] = ()  # estimate and command, of a step
 
     def resume(self, previous: object) -> None:
@@ -244,19 +250,19 @@ class ArticulatedLaw(FeedbackLaw):
         self.report = None
         if not self._table_offset <= k < self._until:
             self._move_tables(k)
-        at = k - self._table_offset
-        outcome = self._try_in_closed_form(at, self.mpc.work, self._memory, tick)
+        row_of_tables = k - self._table_offset
+        outcome = self._try_in_closed_form(row_of_tables, self.mpc.work, self._memory, tick)
         if outcome != CLOSED_FORM:
-            self._complete(at, outcome, tick)
+            self._complete(row_of_tables, outcome, tick)
 
-    def _complete(self, at: int, outcome: int, tick: FloatArray) -> None:
+    def _complete(self, row_of_tables: int, outcome: int, tick: FloatArray) -> None:
         """Let the solver answer the QP of row `at` of the tables, and write the actions."""
-        self.report, slacks = self.mpc.complete(at, outcome)
+        self.report, slacks = self.mpc.complete(row_of_tables, outcome)
         write_report(self.report, tick)
         leaves_corridor = slacks is not None and bool((slacks > _EXCESS).any())
         tick.view(TICK)[0]["leaves_corridor"] = leaves_corridor
         stages = self.mpc.horizon.stages
-        write_actions(at, outcome, self.law, stages, self.mpc.work, self._memory, tick)
+        write_actions(row_of_tables, outcome, self.law, stages, self.mpc.work, self._memory, tick)
 
     def _move_tables(self, k: int) -> None:
         """Move to the rows of the tables that stand for the lap of tick `k`."""
@@ -272,21 +278,29 @@ class ArticulatedLaw(FeedbackLaw):
         """Run tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
             self.mpc.preparing.acquiring[:] = self.mpc.work.acquiring
-            at = k - self._table_offset
-            self._try_in_closed_form(at, self.mpc.preparing, self._memory.copy(), new_tick())
+            row_of_tables = k - self._table_offset
+            self._try_in_closed_form(
+                row_of_tables, self.mpc.preparing, self._memory.copy(), new_tick()
+            )
 
     def warm_up(self) -> None:
         """Solve the problem of the last step by the solver, which takes milliseconds at first."""
         self.mpc.complete(int(self.mpc.work.tick[0]), BOUND_ACTIVE)
 
-    def _try_in_closed_form(self, at: int, work: Work, memory: FloatArray, tick: FloatArray) -> int:
+    def _try_in_closed_form(
+        self, row_of_tables: int, work: Work, memory: FloatArray, tick: FloatArray
+    ) -> int:
         stages = self.mpc.horizon.stages
         estimate, sent = self._last
         if self.field is not None:  # -E (s(k + j) - s(k)), see `error_dynamics`
-            ahead = self.field.ahead(at + self._table_offset, len(work.preview))[..., None]
-            by_slips = stages.a[at : at + len(ahead), :, STATES : STATES + MAPPED]
+            reference_tick = row_of_tables + self._table_offset
+            ahead = self.field.ahead(reference_tick, len(work.preview))[..., None]
+            rows = slice(row_of_tables, row_of_tables + len(ahead))
+            by_slips = stages.a[rows, :, STATES : STATES + MAPPED]
             work.preview[:] = (by_slips @ ahead)[..., 0]
-        return try_in_closed_form(at, estimate, sent, self.law, stages, work, memory, tick)
+        return try_in_closed_form(
+            row_of_tables, estimate, sent, self.law, stages, work, memory, tick
+        )
 
     def predicted_path(self, k: int) -> FloatArray:
         outputs = self.mpc.horizon.stages.outputs[k - self._table_offset + 1 :]

@@ -324,7 +324,7 @@ def _process_samples(
         h.snapshots -= 1
     now = newest_snapshot(memory)
     start_s = record(now, SNAPSHOT).time_s
-    made_s = start_s  # time of the newest snapshot that stays as it is
+    made_s = start_s  # time of the first sample of the snapshot that still moves on
     workspace = local((CORRECTION_SIZE,))
     for k in range(h.samples):
         s = record(memory.samples[k], BUFFERED_SAMPLE)

@@ -243,8 +243,8 @@ def acting(
 ) -> float:
     """Write the command (3,) that acts just after `time_s`; return until when it does [s].
 
-    Of the rows `commands` (n, `COMMAND_SIZE`) the first `count` are in use. The first one was sent
-    before its period, too. Each input acts its own dead time later (`Vehicle.dead_times`).
+    Of the rows `commands` (n, `COMMAND_SIZE`) the first `count` are in use. The first one
+    acts for all earlier time too. Each input acts its own dead time later (`Vehicle.dead_times`).
     """
     f = record(parameters, FILTER)
     until_s = math.inf
