@@ -230,9 +230,9 @@ class Monitors:
         rows = enumerate(self.rows.tolist())
         return tuple(self._alarm(i, row) for i, row in rows if row[AlarmColumn.REACTION] >= 0.0)
 
-    def reason(self, index: int, numbers: FloatArray) -> str:
-        """Return the words of an alarm of `observe` from its row and its three numbers."""
-        return self._alarm(index, [Reaction.SLOW, *numbers]).reason
+    def reason(self, index: int, alarm: FloatArray) -> str:
+        """Return the words of an alarm from the index and the entries (`ALARM`,) of its row."""
+        return self._alarm(index, alarm.tolist()).reason
 
     def usable(self, rows: FloatArray) -> FloatArray:
         """Return the samples without those of sensors that an alarm of the last tick excludes."""

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..detectors.interface import Reaction
 from ..errors import ControllerFailed
 from ..laws.tracking_controller import TrackingController, write_told
 from ..layout import (
@@ -100,7 +101,7 @@ class Supervisor:
     until it is up to speed again, the reference waits at every tick at which it is ahead of the
     vehicle (`waits`).
 
-    `reasons` returns the words of an alarm from its row and its three numbers.
+    `reasons` returns the words of an alarm from its index and its row of `ALARM` entries.
     """
 
     def __init__(
@@ -254,7 +255,8 @@ class Supervisor:
         if row_of_alarm < 0:
             self._stop_reason = ""
         elif not self._stop_reason:
-            self._stop_reason = self._reasons(row_of_alarm, guard["stop_numbers"])
+            alarm = np.array([Reaction.STOP, *guard["stop_numbers"]], dtype=float)
+            self._stop_reason = self._reasons(row_of_alarm, alarm)
         return steers
 
     def compute_command(self, row: FloatArray, k: int, view: Callable[[], Estimate]) -> None:
@@ -341,7 +343,7 @@ class Supervisor:
     def _words(self, of_controller: str) -> str:
         """Return what the supervisor did at the last step, with the words of the controller."""
         alarms = [
-            self._reasons(index, row[AlarmColumn.FIRST :])
+            self._reasons(index, row)
             for index, row in enumerate(self._alarms)
             if row[AlarmColumn.REACTION] >= 0.0
         ]

@@ -136,3 +136,15 @@ def test_after_resume_an_imu_is_used_whatever_else_is_excluded():
             monitors.resume(np.zeros(4))
     assert [alarm.unused for alarm in alarms] == [{Sensor.ENCODER}]
     assert len(monitors.usable(received)) == 3
+
+
+@pytest.mark.parametrize("reaction", [Reaction.WARN, Reaction.SLOW])
+def test_the_supervisor_has_the_words_of_the_alarm_itself(reaction):
+    """Words depend on the reaction: an encoder that is not used is said as such."""
+    monitors = Monitors()
+    monitors.rows[DetectorIndex.WHEELS] = (reaction, 1.5, 1.0, 1.0)
+    (alarm,) = monitors.alarms
+
+    row = monitors.rows[DetectorIndex.WHEELS]
+    assert monitors.reason(DetectorIndex.WHEELS, row) == alarm.reason
+    assert ("encoder not used" in alarm.reason) == (reaction is Reaction.WARN)
