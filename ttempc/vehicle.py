@@ -31,6 +31,7 @@ class _Range(NamedTuple):
 
 
 _POSITIVE: Final = _Range(lambda value: 0.0 < value < math.inf, "finite and above 0")
+_NOT_NEGATIVE: Final = _Range(lambda value: 0.0 <= value < math.inf, "finite and 0 or above")
 _DEAD_TIME: Final = _Range(
     lambda value: 0.0 <= value <= MAX_DEAD_TIME_S, f"from 0 to {MAX_DEAD_TIME_S} s"
 )
@@ -49,7 +50,9 @@ _RANGES: Final = {
     "dead_time_i": _DEAD_TIME,
     "dead_time_hp": _DEAD_TIME,
     "trailer_turning_offset": _Range(math.isfinite, "finite"),
-    "tool_behind": _Range(lambda value: 0.0 <= value < math.inf, "finite and 0 or above"),
+    "tool_behind": _NOT_NEGATIVE,
+    "axle_height_t": _NOT_NEGATIVE,
+    "axle_height_i": _NOT_NEGATIVE,
 }
 
 
@@ -91,6 +94,10 @@ class Vehicle:
     # outwards; 0 without one [m]. c lengthens the trailer in its yaw equation alone.
     trailer_turning_offset: float = 0.0
     tool_behind: float = 0.0  # tool point behind the trailer axle [m]; 0: no tool
+    # Axle points above the ground about which the bodies roll [m]: radii of their wheels, assumed.
+    # 0: roll does not move the point
+    axle_height_t: float = 0.4
+    axle_height_i: float = 0.3
     reverse: bool = False  # gear: hydrostat positions -1..0 in reverse, else 0..1 as in the paper
 
     def __post_init__(self) -> None:

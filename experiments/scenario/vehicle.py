@@ -23,6 +23,7 @@ from ...testbed.configuration.config_io import (
     LengthM,
     MassKg,
     NameOrFile,
+    NotNegative,
     PlaceM,
     Positive,
     SpeedMps,
@@ -49,6 +50,8 @@ PARAMETERS: Final[Mapping[str, Parameter]] = {
     "hitch_offset_m": Parameter("hitch", "offset_m", "hitch_offset"),
     "drawbar_m": Parameter("drawbar", "length_m", "drawbar_length"),
     "trailer_m": Parameter("trailer", "length_m", "trailer_length"),
+    "tractor_axle_height_m": Parameter("rear_wheel", "radius_m", "axle_height_t"),
+    "trailer_axle_height_m": Parameter("trailer_wheel", "radius_m", "axle_height_i"),
     "load_kg": Parameter("load", "mass_kg"),
     "load_height_m": Parameter("load", "height_m"),
     "load_forward_m": Parameter("load", "forward_m"),
@@ -130,6 +133,10 @@ class ModelVehicleSettings:
     """Distance from RJ1 to the pivot RJ2 of the trailer."""
     trailer_m: LengthM | None = None
     """Distance from RJ2 to the trailer axle."""
+    tractor_axle_height_m: NotNegative | None = None
+    """Tractor's axle point above the ground about which the tractor rolls, for the IMU's roll."""
+    trailer_axle_height_m: NotNegative | None = None
+    """The same of the trailer; a tool in the soil makes it 0."""
     speed_gain_mps: SpeedMps | None = None
     """Steady speed at hydrostat position 1, K."""
     speed_time_constant_s: DurationS | None = None

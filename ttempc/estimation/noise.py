@@ -179,7 +179,6 @@ class ProcessNoise:
 
     side_per_slope: float = 0.0  # moves the side slip by the IMUs' slope [rad/rad]; 0: not used
     slip_per_slope: float = 0.2  # tells the slope's size by that slip, without IMUs; assumed
-    axle_heights: float = 0.1  # tractor's axle point above the trailer's [m]; kayacan2016
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
     bump_m: float = 0.085  # correlation length of the wheel slip on bumps [m]; from recorded speeds

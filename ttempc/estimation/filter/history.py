@@ -56,7 +56,7 @@ class FilterMemory(NamedTuple):
 
     history: FloatArray  # how full the other arrays are, a record `HISTORY`
     snapshots: FloatArray  # ring of `SNAPSHOT`, and a last row for the prediction to now
-    samples: FloatArray  # rows `BUFFERED_SAMPLE`, by time, then sensor
+    samples: FloatArray  # rows `BUFFERED_SAMPLE`, by time, then by `_order`
     commands: FloatArray  # rows (n, `COMMAND_SIZE`), oldest first
 
 
@@ -135,13 +135,25 @@ def append_command(memory: FilterMemory, now_s: float, command: FloatArray) -> N
 
 
 @cached_njit(error_model="numpy")
+def _order(sensor: int) -> int:
+    """Return the order of a sensor among samples of one time: IMUs first, then by number.
+
+    The roll of an IMU moves the axle points that the receivers then measure.
+    """
+    if SENSOR_KINDS[sensor] == SensorKind.INERTIAL:
+        return sensor - SENSOR_COUNT
+    return sensor
+
+
+@cached_njit(error_model="numpy")
 def place_of(memory: FilterMemory, time_s: float, sensor: int) -> int:
     """Return the row in the buffer of samples before which a sample belongs."""
     h = record(memory.history, HISTORY)
     at = h.samples
     while at > 0:
         before = record(memory.samples[at - 1], BUFFERED_SAMPLE)
-        if before.time_s < time_s or (before.time_s == time_s and before.sensor <= sensor):
+        first = _order(int(before.sensor)) <= _order(sensor)
+        if before.time_s < time_s or (before.time_s == time_s and first):
             break
         at -= 1
     return at

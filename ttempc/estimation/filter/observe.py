@@ -42,7 +42,7 @@ from .history import (
     spare_snapshot,
 )
 from .predict import predict_until
-from .records import DISTURBANCES, FILTER, SAME_TIME_S, SNAPSHOT
+from .records import DISTURBANCES, FILTER, SAME_TIME_S, SNAPSHOT, GyroColumn
 from .sample import apply_sample
 
 LONGEST_GAP_S: Final = 1.0
@@ -441,6 +441,12 @@ def write_snapshot(parameters: FloatArray, snapshot: FloatArray, estimate: Float
         for i in range(2):
             for j in range(2):
                 e.covariance[i, j] += 0.25 * shift_squared * x[_SIDE + i] * x[_SIDE + j]
+
+    # The position has the noise of the last roll, see `_step_aside`
+    if not math.isnan(now.gyros[Body.TRACTOR, GyroColumn.TIME_S]):
+        by_roll = f.axle_heights[Body.TRACTOR] ** 2 * f.roll_variance
+        e.covariance[State.X, State.X] += by_roll * math.sin(x[AugmentedState.PSI_T]) ** 2
+        e.covariance[State.Y, State.Y] += by_roll * math.cos(x[AugmentedState.PSI_T]) ** 2
 
     wheel_speed = x[AugmentedState.WHEEL_SPEED]
     by_bumps = now.scales[NoiseScale.GROUND] * f.speed_unmodelled * wheel_speed * wheel_speed

@@ -45,6 +45,8 @@ FILTER: Final = np.dtype(
         ("patience", "f8", SENSOR_COUNT),  # for which the gate may reject a sensor [s]
         ("gates", "f8", SENSOR_COUNT),  # of the normalised squared innovation
         ("antenna_heights", "f8", 2),  # above the axle points [m]
+        ("axle_heights", "f8", 2),  # above the ground about which each body rolls [m]
+        ("roll_variance", "f8"),  # of a sample of roll [rad^2]
         ("memory_s", "f8"),
         ("unmodelled", "f8", STATES),  # variances of what no state follows, but of the speed's
         ("speed_unmodelled", "f8"),  # variance of the speed at 1 m/s and a factor of 1
@@ -129,9 +131,14 @@ def filter_parameters(
         f["patience"][receivers] = _LONGER_PATIENCE_S
     f["antenna_heights"] = sensors.antenna_height_t, sensors.antenna_height_i
 
+    # Roll moves the axle points sideways; a tool in the soil holds that of the trailer.
+    trailer_height = 0.0 if vehicle.tool_behind else vehicle.axle_height_i
+    f["axle_heights"] = vehicle.axle_height_t, trailer_height
+    f["roll_variance"] = sensors.attitude**2
+
     # What no state follows. A bias of roll turns the line between both antennas for good.
     f["line"] = vehicle.hitch_offset + vehicle.drawbar_length + vehicle.trailer_length
-    f["axle_shift"] = process.axle_heights / process.slip_per_slope
+    f["axle_shift"] = (vehicle.axle_height_t - vehicle.axle_height_i) / process.slip_per_slope
     f["unmodelled"][[State.X, State.Y]] = sensors.position_variance
     f["unmodelled"][State.PSI_I] = (sensors.lever_arm_bias / f["line"]) ** 2
     f["unmodelled"][State.DELTA_T] = sensors.angle_offset**2  # `STEERING` takes it up

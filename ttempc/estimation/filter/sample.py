@@ -7,8 +7,8 @@ from typing import Final
 
 from ...jit import cached_njit, local, record
 from ...layout import FLOAT
-from ...models.augmented_state import SIZE, AugmentedState
-from ...sensors import SENSOR_BODIES, SENSOR_KINDS, SensorIndex, SensorKind
+from ...models.augmented_state import SIZE, AugmentedState, VehicleParameter
+from ...sensors import SENSOR_BODIES, SENSOR_KINDS, Body, SensorIndex, SensorKind
 from ...types import FloatArray
 from .correct import Comparison, Reading, correct
 from .history import BUFFERED_SAMPLE
@@ -43,7 +43,10 @@ def apply_sample(
 def _apply_inertial(
     parameters: FloatArray, snapshot: FloatArray, sample: FloatArray, workspace: FloatArray
 ) -> Comparison:
-    """Correct a snapshot by the angle turned since the last sample of the same IMU."""
+    """Move a snapshot by the roll, and correct it by the angle turned, since the IMU's last sample.
+
+    The first sample of an IMU only begins both.
+    """
     f = record(parameters, FILTER)
     now = record(snapshot, SNAPSHOT)
     s = record(sample, BUFFERED_SAMPLE)
@@ -60,8 +63,11 @@ def _apply_inertial(
     angle = turned(last, present)
     travel = abs(now.augmented[0, AugmentedState.WHEEL_SPEED]) * span_s
     variance = f.variances[sensor] * span_s * span_s + f.gyro_sampling * travel
+    rolled = present[GyroColumn.ROLL] - last[GyroColumn.ROLL]
     for column in range(GYRO):
         last[column] = present[column]
+    if not math.isnan(rolled):
+        _step_aside(parameters, snapshot, body, rolled)
     _follow_slope(parameters, snapshot, body, span_s)
     comparison = Comparison(0.0, 0.0, 0.0, 0.0)
     if span_s <= _LONGEST_SPAN_S:
@@ -78,6 +84,38 @@ def _apply_inertial(
         for i in range(SIZE):
             now.covariances[level, i, past] = now.covariances[level, i, psi]
     return comparison
+
+
+@cached_njit(error_model="numpy")
+def _step_aside(parameters: FloatArray, snapshot: FloatArray, body: int, rolled: float) -> None:
+    """Move the axle point of a body that has rolled by an angle [rad], left side up.
+
+    The body rolls about the ground, its axle point h above it steps to its left by y = -h rolled,
+    as a side slip would move it. With the yaw `lam` of the tractor against the trailer, whose axle
+    is an arm l = L_i + c + d cos(delta_i) behind RJ1 along the drawbar (`state_rate`),
+
+        tractor: x += y n(psi_t), psi_i += y cos(lam) / l;    trailer: psi_i -= y / l.
+
+    The noise of roll is that of two samples in a step. In the sum of the steps it is that of the
+    last sample alone: the position gathers none, and `write_snapshot` adds it. The trailer's yaw
+    takes each step's as process noise, which its gyro then removes.
+    """
+    f = record(parameters, FILTER)
+    now = record(snapshot, SNAPSHOT)
+    x = now.augmented[0]
+    psi_t = x[AugmentedState.PSI_T]
+    arm = f.vehicle[VehicleParameter.TRAILER_LENGTH]
+    arm += f.vehicle[VehicleParameter.TRAILER_TURNING_OFFSET]
+    arm += f.vehicle[VehicleParameter.DRAWBAR_LENGTH] * math.cos(x[AugmentedState.DELTA_I])
+    yaw_per_step = -1.0 / arm
+    step = -f.axle_heights[body] * rolled
+    if body == Body.TRACTOR:
+        yaw_per_step = math.cos(psi_t - x[AugmentedState.PSI_I]) / arm
+        x[AugmentedState.X] -= step * math.sin(psi_t)
+        x[AugmentedState.Y] += step * math.cos(psi_t)
+    x[AugmentedState.PSI_I] += yaw_per_step * step
+    variance = 2.0 * f.roll_variance * (f.axle_heights[body] * yaw_per_step) ** 2
+    now.covariances[0, AugmentedState.PSI_I, AugmentedState.PSI_I] += variance
 
 
 @cached_njit(error_model="numpy")
