@@ -16,8 +16,10 @@ from .types import FloatArray
 MAX_DEAD_TIME_S: Final = 2.0
 """Longest dead time of an actuator [s]: ten control periods."""
 
-OF_TOOL: Final = frozenset({"trailer_turning_offset", "tool_behind"})
-"""Fields of `Vehicle` that belong to a tool, not to the vehicle itself."""
+OUTSIDE_TUBES: Final = frozenset(
+    {"trailer_turning_offset", "tool_behind", "axle_height_t", "axle_height_i"}
+)
+"""Fields of `Vehicle` on which no tube depends: those of a tool, and of the estimator alone."""
 
 _AT_LIMIT: Final = 1e-9  # [rad] or fraction: distance within which a command is at a limit
 

@@ -15,7 +15,7 @@ from ttempc.errors import TtempcError
 from ttempc.tube.reference_tube import AncillaryWeights, TubeDesign
 from ttempc.tube.sets import DisturbanceSet, Shape
 from ttempc.types import State
-from ttempc.vehicle import OF_TOOL, Vehicle
+from ttempc.vehicle import OUTSIDE_TUBES, Vehicle
 
 from ...testbed.configuration.config_io import STRICT, validated
 from ...testbed.configuration.resources import ShippedFiles
@@ -173,7 +173,7 @@ def read_tube(name: str) -> TubeFile:
     try:
         tube = validated(TubeFile, content, InvalidFit)
         required = {item.name for item in fields(Vehicle)}
-        if differing := (required ^ set(tube.vehicle)) - OF_TOOL:
+        if differing := (required ^ set(tube.vehicle)) - OUTSIDE_TUBES:
             named = ", ".join(sorted(differing))
             raise InvalidFit(f"vehicle: keys that are missing or unknown: {named}")
         tube.design()

@@ -20,7 +20,7 @@ from ..mpc.condensing import StageBounds
 from ..mpc.lmpc import HorizonTuning, stage_bounds
 from ..reference.reference import Reference, exact_feedforward
 from ..types import FloatArray, Input, State
-from ..vehicle import OF_TOOL, CommandLimits, Vehicle
+from ..vehicle import OUTSIDE_TUBES, CommandLimits, Vehicle
 from .sets import DisturbanceSet
 from .tube import TrackingSystem, Tube, feedback_gains, invariant_tube, reach_backwards, search_tube
 
@@ -167,11 +167,11 @@ class TubeDesign:
     def differing(self, vehicle: Vehicle, period_s: float) -> str:
         """Return the values that differ from the design's, as a text; empty where none does.
 
-        The fields of a tool are not compared: a tube file may leave them out.
+        `OUTSIDE_TUBES` are not compared: a tube file may leave them out.
         """
         pairs = [("period_s", self.period_s, period_s)]
         for item in fields(Vehicle):
-            if item.name not in OF_TOOL:
+            if item.name not in OUTSIDE_TUBES:
                 designed = getattr(self.vehicle, item.name)
                 given = getattr(vehicle, item.name)
                 pairs.append((item.name, designed, given))

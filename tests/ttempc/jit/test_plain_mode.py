@@ -18,6 +18,8 @@ from ttempc import Guidance, GuidanceSettings, Vehicle, figure_eight
 from ttempc.estimation.filter.predict import predict
 from ttempc.types import Measurement, Sensor
 
+IMUS = (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)
+
 def drive(controller):
     settings = GuidanceSettings(learn=False)
     guidance = Guidance(Vehicle(), figure_eight(), controller=controller, settings=settings)
@@ -34,6 +36,8 @@ def drive(controller):
             Measurement(time_s, Sensor.GNSS_TRAILER, tuple(trailer + rng.normal(0.0, 0.03, 2))),
             Measurement(time_s, Sensor.ENCODER, (truth.state[6] + rng.normal(0.0, 0.1),)),
         ]
+        attitude = (0.0, rng.normal(0.0, 0.03), 0.02)
+        samples += [Measurement(time_s, kind, attitude) for kind in IMUS]
         for kind, angle in zip(kinds, angles):
             samples.append(Measurement(time_s, kind, (angle + rng.normal(0.0, 0.01),)))
         guidance.update(time_s, samples)

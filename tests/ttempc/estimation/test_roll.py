@@ -1,0 +1,213 @@
+"""Roll as an input of the filter: axle points step aside as the bodies tilt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from tests.reference.estimation.augmented_state import augmented_rate, predicted_measurement
+from tests.ttempc.sensed_drive import VEHICLE, SensedDrive
+from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.noise import SensorNoise
+from ttempc.models.augmented_state import SIZE, STATES, AugmentedState
+from ttempc.sensors import STARTING_SENSORS
+from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
+from ttempc.vehicle import Vehicle
+
+PERIOD_S = 0.2
+SAMPLE_S = 0.02  # of all sensors
+STEPS = 10  # of integration between two samples
+SPEED_MPS = 1.0
+TICKS = 40
+SWING_RAD = 0.06
+FLAT = replace(VEHICLE, axle_height_t=0.0, axle_height_i=0.0)
+IMUS = (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)
+
+TURN = Command(delta_t=0.2, delta_i=-0.1, hp=SPEED_MPS / VEHICLE.speed_gain)
+"""A curve to the left, in which the trailer stands at an angle to the tractor."""
+
+Samples = list[list[Measurement]]
+
+
+@dataclass
+class Tilting:
+    """Vehicle on a curve whose bodies roll: the model with the side slip of its axle points.
+
+    An axle point h above the ground moves to the left at -h times the rate of roll.
+    """
+
+    rolling: tuple[float, float]  # share of the swing of tractor and trailer
+
+    def samples(self) -> Samples:
+        """Return the noise-free samples of every tick."""
+        x = np.zeros(SIZE)
+        x[: STATES - 1] = 1.0, 2.0, 0.4, 0.1, TURN.delta_t, TURN.delta_i
+        x[AugmentedState.WHEEL_SPEED] = SPEED_MPS
+        ticks = [[*self._sample(x, 0.0), *self._attitude(x, 0.0)]]
+        for k in range(1, TICKS):
+            ticks.append([])
+            for j in range(1, round(PERIOD_S / SAMPLE_S) + 1):
+                time_s = (k - 1) * PERIOD_S + j * SAMPLE_S
+                self._advance(x, time_s - SAMPLE_S)
+                ticks[-1] += [*self._sample(x, time_s), *self._attitude(x, time_s)]
+        return ticks
+
+    def _rolls(self, time_s: float) -> FloatArray:
+        """Return roll and its rate of both bodies, (2, 2)."""
+        swing = np.array([math.sin(4.0 * time_s), 4.0 * math.cos(4.0 * time_s)])
+        return SWING_RAD * np.outer(self.rolling, swing)
+
+    def _advance(self, x: FloatArray, time_s: float) -> None:
+        """Integrate over a sample with the midpoint rule."""
+        step_s = SAMPLE_S / STEPS
+        for n in range(STEPS):
+            middle = x.copy()
+            for share in (0.5, 1.0):
+                self._slip(middle, time_s + (n + 0.5) * step_s)
+                rate = augmented_rate(middle, TURN.as_array(), VEHICLE)[:STATES]
+                middle[:STATES] = x[:STATES] + share * step_s * rate
+            x[:STATES] = middle[:STATES]
+
+    def _slip(self, x: FloatArray, time_s: float) -> None:
+        """Write the side slips with which both axle points move to the left as they do."""
+        rate_t, rate_i = self._rolls(time_s)[:, 1]
+        x[AugmentedState.SLIP_T] = -VEHICLE.axle_height_t * rate_t / SPEED_MPS
+        x[AugmentedState.SLIP_I] = -VEHICLE.axle_height_i * rate_i / SPEED_MPS
+
+    def _sample(self, x: FloatArray, time_s: float) -> list[Measurement]:
+        return [
+            Measurement(time_s, sensor, tuple(predicted_measurement(sensor, x, VEHICLE)[0]))
+            for sensor in STARTING_SENSORS
+        ]
+
+    def _attitude(self, x: FloatArray, time_s: float) -> list[Measurement]:
+        middle = x.copy()
+        self._slip(middle, time_s)
+        rate = augmented_rate(middle, TURN.as_array(), VEHICLE)
+        rolls = self._rolls(time_s)[:, 0]
+        return [
+            Measurement(time_s, sensor, (rate[State.PSI_T + body], rolls[body], 0.0))
+            for body, sensor in enumerate(IMUS)
+        ]
+
+
+def estimates_of(ticks: Samples, vehicle: Vehicle = VEHICLE) -> list[Estimate]:
+    """Return the estimates of a filter over the samples of a curve."""
+    estimator = ExtendedKalmanFilter(vehicle)
+    return [estimator.update(k * PERIOD_S, samples, TURN) for k, samples in enumerate(ticks)]
+
+
+def largest_innovation(estimates: list[Estimate]) -> float:
+    """Return the largest normalised squared innovation."""
+    return max(i.normalised_squared for e in estimates for i in e.innovations)
+
+
+@pytest.fixture(scope="module")
+def tilting() -> Samples:
+    return Tilting((1.0, -0.5)).samples()
+
+
+@pytest.mark.parametrize("rolling", [(1.0, 0.0), (0.0, 1.0), (1.0, -0.5)])
+def test_an_axle_that_steps_aside_by_roll_is_no_surprise(rolling):
+    """The filter follows the truth without innovation; one with points at ground level does not."""
+    ticks = Tilting(rolling).samples()
+    followed = largest_innovation(estimates_of(ticks))
+    surprised = largest_innovation(estimates_of(ticks, FLAT))
+    assert followed < 0.01
+    assert surprised > 30.0 * followed
+
+
+def test_axle_points_at_ground_level_take_nothing_from_roll(tilting):
+    level = [
+        [replace(m, value=(m.value[0], 0.0, 0.0)) if m.sensor in IMUS else m for m in samples]
+        for samples in tilting
+    ]
+    for one, other in zip(estimates_of(tilting, FLAT), estimates_of(level, FLAT), strict=True):
+        np.testing.assert_array_equal(one.state, other.state)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+def test_a_tool_in_the_soil_holds_the_axle_of_the_trailer():
+    """With a tool the trailer's roll moves nothing, the tractor's what it moves without one."""
+    tool = replace(VEHICLE, tool_behind=1.0)
+    rolling = Tilting((0.0, 1.0)).samples()
+    still = replace(tool, axle_height_i=0.0)
+    one = estimates_of(rolling, tool)[-1]
+    other = estimates_of(rolling, still)[-1]
+    np.testing.assert_array_equal(one.state, other.state)
+    follows = largest_innovation(estimates_of(Tilting((1.0, 0.0)).samples(), tool))
+    assert follows < 0.01
+
+
+def mirrored(ticks: Samples) -> Samples:
+    """Return the samples of the vehicle's mirror image, left and right exchanged."""
+    sign = {
+        Sensor.GNSS_TRACTOR: (1.0, -1.0),
+        Sensor.GNSS_TRAILER: (1.0, -1.0),
+        Sensor.ENCODER: (1.0,),
+        Sensor.IMU_TRACTOR: (-1.0, -1.0, 1.0),
+        Sensor.IMU_TRAILER: (-1.0, -1.0, 1.0),
+    }
+    return [
+        [
+            replace(m, value=tuple(np.multiply(m.value, sign.get(m.sensor, (-1.0,)))))
+            for m in samples
+        ]
+        for samples in ticks
+    ]
+
+
+def test_the_mirror_image_has_the_mirrored_estimate(tilting):
+    estimator = ExtendedKalmanFilter(VEHICLE)
+    turn = Command(-TURN.delta_t, -TURN.delta_i, TURN.hp)
+    ones = estimates_of(tilting)
+    for k, samples in enumerate(mirrored(tilting)):
+        other = estimator.update(k * PERIOD_S, samples, turn)
+        mirror = np.array([1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 1.0])
+        np.testing.assert_allclose(other.state, mirror * ones[k].state, atol=1e-9)
+        expected = np.outer(mirror, mirror) * ones[k].covariance
+        np.testing.assert_allclose(other.covariance, expected, atol=1e-9)
+
+
+def test_a_late_roll_is_inserted_where_it_belongs(tilting):
+    """Samples of the IMUs come up to four periods late, in random order; the last are in time."""
+    generator = np.random.default_rng(4)
+    late: Samples = [[] for _ in tilting]
+    for k, samples in enumerate(tilting):
+        for sample in samples:
+            delay = generator.integers(5) if sample.sensor in IMUS and 0 < k < TICKS - 4 else 0
+            late[k + delay].append(sample)
+    for samples in late:
+        generator.shuffle(samples)
+    one = estimates_of(tilting)[-1]
+    other = estimates_of(late)[-1]
+    np.testing.assert_array_equal(other.state, one.state)
+    np.testing.assert_array_equal(other.covariance, one.covariance)
+
+
+def test_noise_of_roll_neither_accumulates_nor_is_left_out():
+    """Level vehicles, IMUs of very noisy roll: poses are as far off as claimed."""
+    noise = SensorNoise(attitude=math.radians(2.0))
+    squares = []
+    for seed in range(61, 65):
+        drive = SensedDrive(seed).run(200)
+        generator = np.random.default_rng(seed)
+        yaw = np.unwrap(np.array(drive.states)[:, State.PSI_T : State.DELTA_T], axis=0)
+        rates = np.diff(yaw, axis=0) / PERIOD_S
+        estimator = ExtendedKalmanFilter(VEHICLE, noise)
+        for k, (samples, command) in enumerate(drive.received):
+            imus = []
+            for time_s in (k * PERIOD_S - PERIOD_S + 0.04 * np.arange(1, 6)).tolist():
+                for body, sensor in enumerate(IMUS):
+                    rate = rates[max(k - 1, 0), body] + noise.yaw_rate * generator.normal()
+                    roll = noise.attitude * generator.normal()
+                    imus.append(Measurement(time_s, sensor, (rate, roll, 0.0)))
+            estimate = estimator.update(k * PERIOD_S, [*imus, *samples], command)
+            error = (drive.states[k] - estimate.state)[: State.DELTA_T]
+            if k >= 50:
+                covariance = estimate.covariance[: State.DELTA_T, : State.DELTA_T]
+                squares.append(error @ np.linalg.solve(covariance, error) / len(error))
+    assert 0.5 < np.mean(squares) < 1.5
