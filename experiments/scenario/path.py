@@ -21,7 +21,7 @@ from ttempc.reference.path import Path as ReferencePath
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, SpeedProfile, is_comfortable
 from ttempc.reference.smoothing import smooth, thinned
-from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor
+from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor, limited_in_curves
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
@@ -136,8 +136,23 @@ OnLine = Literal["tractor", "working-point"]
 """Point of a vehicle with a plain trailer that keeps to the line."""
 
 
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class CurveSpeed:
+    """Slower in curves: the speed there follows from a largest lateral acceleration."""
+
+    lateral_mps2: Positive
+    """Largest lateral acceleration of the tractor point: speed squared times curvature."""
+    acceleration_mps2: Positive = 0.2
+    """Largest acceleration along the path, before a curve and behind it."""
+
+    def limit(self, speed: SpeedProfile, path: ReferencePath) -> SpeedProfile:
+        """Return a forward profile along a path, slower in its curves."""
+        return limited_in_curves(speed, path, self.lateral_mps2, self.acceleration_mps2)
+
+
 class _ClosedForm:
     speed_mps: float
+    curves: CurveSpeed | None
     reverse: bool
     max_deviation_m = _BENT_M
 
@@ -147,7 +162,11 @@ class _ClosedForm:
 
     def mission(self) -> Mission:
         """Return path, speed and gear."""
-        return Mission.along(self.path(), ConstantSpeed(self.speed_mps), reverse=self.reverse)
+        path = self.path()
+        speed: SpeedProfile = ConstantSpeed(self.speed_mps)
+        if self.curves:
+            speed = self.curves.limit(speed, path)
+        return Mission.along(path, speed, reverse=self.reverse)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -166,6 +185,8 @@ class FigureEight(_ClosedForm):
     """Number of laps."""
     speed_mps: SpeedMps = 1.0
     """Speed along the path."""
+    curves: CurveSpeed | None = None
+    """Slower in curves; absent: one speed."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
     on_line: OnLine = "tractor"
@@ -187,6 +208,8 @@ class Straight(_ClosedForm):
     """Length of the path."""
     speed_mps: SpeedMps = 1.0
     """Speed along the path."""
+    curves: CurveSpeed | None = None
+    """Slower in curves; absent: one speed."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
     on_line: OnLine = "tractor"
@@ -218,6 +241,8 @@ class Headland(_ClosedForm):
     """Length over which the curvature changes from 0 to that of a turn."""
     speed_mps: SpeedMps = 1.0
     """Speed along the path."""
+    curves: CurveSpeed | None = None
+    """Slower in curves; absent: one speed."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
     on_line: OnLine = "tractor"
@@ -247,6 +272,8 @@ class FilePath:
     """Speed along the path; absent: the speeds of the file, 1.0 if it has none."""
     acceleration_mps2: Positive = 0.1
     """Acceleration between the speeds of the file."""
+    curves: CurveSpeed | None = None
+    """Slower in curves; absent: the speeds of the file, or the one of `speed_mps`."""
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
     on_line: OnLine = "tractor"
@@ -281,6 +308,8 @@ class FilePath:
         speed: SpeedProfile = ConstantSpeed(fastest)
         if len(speeds) > 1:
             speed = PlannedSpeed(smoothed.distance_m, speeds, self.acceleration_mps2)
+        if self.curves:
+            speed = self.curves.limit(speed, smoothed.path)
         if len(kept) < len(points):
             notes = (f"path: {len(points) - len(kept)} points too near to another dropped", *notes)
         along = f"within {100.0 * smoothed.deviation_m:.1f} cm of the line through them"

@@ -22,7 +22,7 @@ ANGLE_RANGE_DEG: Final = 90.0
 MAX_LATENCY_S: Final = 2.0  # ten control periods
 Latency = Annotated[float, Field(ge=0, le=MAX_LATENCY_S)]
 
-SensorPreset = Literal["paper", "field"]
+SensorPreset = Literal["paper", "field", "good"]
 
 SENSOR_PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
     {
@@ -42,6 +42,13 @@ SENSOR_PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
             "angle_resolution_deg": 0.1,
             "angle_offset_deg": 1.0,
             "angle_nonlinearity_pct": 0.5,
+        },
+        # RTK as data sheets state it (8 mm + 1 ppm, horizontal), white, at the axle points; angle
+        # sensors of 0.3 deg, assumed; IMU.
+        "good": {
+            "gnss_sd_m": 0.008,
+            "angle_sd_deg": 0.3,
+            "imu": {"on": True},
         },
     }
 )
@@ -113,9 +120,10 @@ class SensorSpecification:
     """
 
     preset: SensorPreset = "paper"
-    """Preset that gives the absent keys of a file: "paper", white noise at the axle points, or
+    """Preset that gives the absent keys of a file: "paper", white noise at the axle points;
     "field", receivers under an open sky, late, antennas on masts, an IMU, and angle sensors
-    with an offset (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""
+    with an offset; or "good", RTK of 8 mm, angle sensors of 0.3 deg and an IMU
+    (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""
     gnss_rate_hz: RateHz = 5.0
     """Sampling rate of both RTK receivers."""
     gnss_sd_m: NotNegative = 0.03

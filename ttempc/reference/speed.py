@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ import scipy
 from ..errors import InvalidReference
 from ..types import FloatArray
 from .corridor import Corridor
+from .path import Path
 from .reference import SpeedProfile
 
 if TYPE_CHECKING:
@@ -21,6 +23,8 @@ _STEP_M = 0.05  # between the samples of the speed along the path
 _STEP_S = 0.05  # between the knots of the speed in time
 _SMOOTHING_S = 2.0  # window of the moving average of the speed
 _PLACE_M = 0.1  # between the places at which a speed is limited
+_ACCELERATION_MPS2 = 0.1  # 15 % of the hydrostat for the paper's K and tau
+_STRAIGHT_PER_M = 1e-9  # curvature below which a place counts as straight
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +71,7 @@ class PlannedSpeed:
 
     distance_m: FloatArray  # (n,) arc length of each place [m], increasing
     speed_mps: FloatArray  # (n,) desired speed at each place [m/s]
-    acceleration_mps2: float = 0.1  # a_max; 15 % of the hydrostat for the paper's K and tau
+    acceleration_mps2: float = _ACCELERATION_MPS2  # a_max
 
     _speed: PchipInterpolator = field(init=False, repr=False)  # over time [s]
 
@@ -143,19 +147,80 @@ def limited_in_corridor(
         >>> slower.duration_s(60.0) > 80.0
         True
     """
+
+    def most(place: FloatArray) -> FloatArray:
+        return np.where(np.isfinite(corridor.half_width(place)), limit_mps, math.inf)
+
+    return _limited(speed, length_m, most)
+
+
+def limited_in_curves(
+    speed: SpeedProfile, path: Path, lateral_mps2: float, acceleration_mps2: float
+) -> SpeedProfile:
+    """Return a profile that is nowhere faster than `speed`, and slower in the curves of a path.
+
+    The lateral acceleration of the tractor point stays within a limit:
+
+        v^2 |kappa| <= a_lateral.
+
+    The profile brakes before a curve and accelerates behind it in the manner of `PlannedSpeed`. A
+    profile within the limit is returned as it is.
+
+    Args:
+        speed: forward profile along the path.
+        path: its curvature counts.
+        lateral_mps2: largest lateral acceleration, a_lateral [m/s^2].
+        acceleration_mps2: largest acceleration along the path [m/s^2].
+
+    Raises:
+        InvalidReference: a limit is not finite or not above 0.
+
+    Example:
+        >>> from ttempc import ConstantSpeed, figure_eight
+        >>> path = figure_eight(radius_m=10.0, laps=1)
+        >>> slower = limited_in_curves(ConstantSpeed(3.0), path, 0.4, 0.2)
+        >>> _, speed_mps, _ = slower.travel(np.linspace(0.0, slower.duration_s(path.length_m), 500))
+        >>> round(float(speed_mps.min()), 2)
+        2.0
+    """
+    if not (math.isfinite(lateral_mps2) and lateral_mps2 > 0.0):
+        raise InvalidReference(
+            f"lateral acceleration: got {lateral_mps2} m/s^2, must be finite and above 0"
+        )
+
+    def most(place: FloatArray) -> FloatArray:
+        bent = np.maximum(np.abs(path.curvature(place)), _STRAIGHT_PER_M)
+        return np.sqrt(lateral_mps2 / bent)
+
+    return _limited(speed, path.length_m, most, acceleration_mps2)
+
+
+def _limited(
+    speed: SpeedProfile,
+    length_m: float,
+    most: Callable[[FloatArray], FloatArray],
+    acceleration_mps2: float = _ACCELERATION_MPS2,
+) -> SpeedProfile:
+    """Return a profile within `speed` and within limits by place, itself where it is already.
+
+    Args:
+        speed: profile, forward or in reverse.
+        length_m: travel along the path [m].
+        most: largest speed [m/s] at arc lengths [m], (n,) -> (n,).
+        acceleration_mps2: largest acceleration along the path [m/s^2].
+    """
     count = max(2, math.ceil(length_m / _PLACE_M) + 1)
     arc, along, _ = speed.travel(np.linspace(0.0, speed.duration_s(length_m), count))
     travelled = np.linspace(0.0, length_m, count)
     driven = np.abs(arc - arc[0])
     place, desired = np.interp(travelled, driven, arc), np.interp(travelled, driven, np.abs(along))
-    cap = np.where(np.isfinite(corridor.half_width(place)), limit_mps, math.inf)
     # The moving average reaches half its window ahead and back, and speeds are linear to the next.
     reach = math.ceil(0.5 * _SMOOTHING_S * speed.top_speed / (length_m / (count - 1))) + 1
-    lowest = scipy.ndimage.minimum_filter1d(cap, 2 * reach + 1, mode="nearest")
+    lowest = scipy.ndimage.minimum_filter1d(most(place), 2 * reach + 1, mode="nearest")
     limited = np.minimum(desired, lowest)
     if np.array_equal(limited, desired):
         return speed
-    planned = PlannedSpeed(travelled, limited)
+    planned = PlannedSpeed(travelled, limited, acceleration_mps2)
     return Backward(planned, float(arc[0])) if along[0] < 0.0 else planned
 
 

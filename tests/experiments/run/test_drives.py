@@ -14,7 +14,7 @@ from proving_ground.experiments.results.table import format_run
 from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.scenario.scenario import load
+from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
@@ -53,6 +53,24 @@ def test_without_daqp_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path)
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "pip install 'ttempc[baselines]'" in said
+
+
+AT_WORKING_SPEED = [name for name in shipped() if name.startswith(("work-", "fast-"))]
+
+
+@pytest.mark.parametrize("name", [name for name in AT_WORKING_SPEED if "passes" in name])
+def test_a_tool_works_on_the_passes_alone(name):
+    scenario = load(name)[1]
+    for begins, ends in scenario.implement.work_m:
+        along = np.arange(begins, ends, 0.5)
+        assert not scenario.mission().path.curvature(along).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", AT_WORKING_SPEED)
+def test_scenarios_at_working_speed_run_to_their_end(name):
+    summary, _ = driven(name)
+    assert summary.status == "completed"
 
 
 class Slow:

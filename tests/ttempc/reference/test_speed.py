@@ -13,7 +13,12 @@ from ttempc.models.kinematics import trailer_point
 from ttempc.reference.corridor import Corridor, SpeedTube
 from ttempc.reference.path import Path, Segment, figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference, check_pace
-from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor
+from ttempc.reference.speed import (
+    Backward,
+    PlannedSpeed,
+    limited_in_corridor,
+    limited_in_curves,
+)
 from ttempc.vehicle import Vehicle
 
 PLACES = np.array([0.0, 20.0, 20.5, 40.0, 41.0, 60.0])
@@ -122,6 +127,19 @@ def test_a_limit_holds_in_the_corridor_and_the_desired_speed_far_from_it(profile
         np.testing.assert_allclose(np.abs(speed[far]), unlimited, atol=0.12)
 
 
+def test_in_curves_the_lateral_acceleration_keeps_to_its_limit_and_straights_to_their_speed():
+    path = figure_eight(radius_m=10.0, centre_distance_m=60.0, laps=1)
+    slower = limited_in_curves(ConstantSpeed(3.0), path, 0.5, 0.3)
+    place, speed, along = slower.travel(np.linspace(0.0, slower.duration_s(path.length_m), 20001))
+    lateral = speed**2 * np.abs(path.curvature(place))
+    assert lateral.max() <= 0.5 * (1.0 + 1e-9)
+    assert lateral.max() == pytest.approx(0.5, rel=0.01)  # the limit is used
+    assert speed.max() == pytest.approx(3.0)
+    assert np.abs(along).max() <= 1.03 * 0.3
+    gentle = ConstantSpeed(1.0)
+    assert limited_in_curves(gentle, path, 0.5, 0.3) is gentle
+
+
 def sorted_travel(profile):
     place, speed, _ = profile.travel(np.linspace(0.0, profile.duration_s(60.0), 20001))
     order = np.argsort(place)
@@ -147,6 +165,7 @@ def test_what_cannot_be_driven_is_refused_with_its_place_or_key():
         (InvalidReference, "point 1", lambda: PlannedSpeed(np.arange(3.0), 1.0 - np.arange(3))),
         (InvalidReference, "forward", lambda: PlannedSpeed(np.array([0.0, 4.0, 3.0]), ones)),
         (InvalidReference, "acceleration", lambda: PlannedSpeed(np.arange(3.0), ones, 0.0)),
+        (InvalidReference, "lateral", lambda: limited_in_curves(forward, S_BEND, 0.0, 0.1)),
         (InvalidReference, "forward", lambda: Reference(S_BEND, Vehicle(), Backward(forward, 9.0))),
         (InvalidReference, "in rev", lambda: Reference(S_BEND, Vehicle(reverse=True), forward)),
         (InvalidTuning, "half_width_m", lambda: Corridor(0.0)),
