@@ -116,6 +116,14 @@ CONTROLLERS: Final = MappingProxyType(
             "the published NMPC: printed model, path-parametrised; with the estimator nmhe-printed",
             "baselines.nmpc_path nmpc_path_controller NmpcPathOptions",
         ),
+        "romea-backstepping": ControllerEntry(
+            "INRAE's Romea: back-stepping on deviation and course with side slip, speed as pid",
+            "baselines.romea backstepping_controller BackSteppingOptions",
+        ),
+        "romea-predictive": ControllerEntry(
+            "INRAE's Romea: chained form with side slip, curvature predicted over the valve's lag",
+            "baselines.romea predictive_controller PredictiveOptions",
+        ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback",
             "laws.tracking_controller feedforward_controller",
