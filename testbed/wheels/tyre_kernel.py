@@ -28,12 +28,13 @@ from ttempc.jit import FAST, cached_njit, record
 from ttempc.types import FloatArray
 
 from ..bodies import LEFT, Bodies, apply_wrench, axis_of, row_vector, velocity_of
+from ..ground.soil import NAMED_SOILS
 from ..ground.surface import Surface, grid_cell, ground_below
 from ..kernel_options import INLINED, KERNEL
 from ..truth import Wheels
 from ..vectors import VERTICAL, ZERO, Vector, add, cross, dot, norm, scale
 from . import tyre
-from .ruts import Ruts, roll_rut, sinkage_of
+from .ruts import PRESS, Ruts, press_strip, rolls_on, sinkage_of, strip_ahead
 from .soil_law import SOIL
 from .tyre import TYRE
 
@@ -52,6 +53,7 @@ _SMALLEST_LOAD: Final = tyre.SMALLEST_LOAD
 _SMALL_SPEED: Final = tyre.SMALL_SPEED
 _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
 _PA_PER_KPA: Final = 1e3
+_HARD_KPA: Final = NAMED_SOILS["hard"]  # no cone penetrates it, no wheel presses it
 
 _kernel = cached_njit(**KERNEL, fastmath=FAST)
 _inlined = cached_njit(**INLINED, fastmath=FAST)
@@ -327,6 +329,40 @@ def _soil_ratios(
 
 
 @_inlined
+def _roll_rut(
+    wheels: WheelSet,
+    wheel: int,
+    load: float,
+    cone_index: float,
+    motion: tuple[Vector, Vector, Vector, Vector],
+) -> float:
+    """Let a wheel press its rut and return its resistance over that of new soil.
+
+    Args:
+        wheels: with the ruts, changed in place.
+        wheel: number of the wheel.
+        load: of the wheel [N].
+        cone_index: of the soil below it [kPa].
+        motion: centre [m], axle, velocity [m/s] and rotation [rad/s] of the wheel.
+    """
+    ruts = wheels.ruts
+    soil = record(wheels.law[wheel], SOIL)
+    tyre = record(wheels.tyres[wheel], TYRE)
+    press = record(ruts.presses[wheel], PRESS)
+
+    # what is left of the soil's resistance on hard ground is no work of sinkage
+    sinking = max(0.0, 1.0 - cone_index / _HARD_KPA)
+    velocity = motion[2]
+    if rolls_on(ruts, wheel, load, wheels.timestep * math.hypot(velocity[0], velocity[1])):
+        usual = _mobility(soil, tyre, press.load, cone_index)
+        resistance = sinking * soil.resistance_bn / usual.bn
+        sinkage = sinkage_of(usual.half_length, tyre.width, resistance)
+        strip = strip_ahead(ruts, wheel, tyre, motion)
+        press_strip(ruts, wheels.surface.grid, wheel, strip, usual.half_length, sinkage)
+    return 1.0 + sinking * press.excess
+
+
+@_inlined
 def _step_wheel(wheels: WheelSet, wheel: int) -> None:
     """Advance the tread of one wheel by a time step and write the wrench of the ground on it."""
     soil = record(wheels.law[wheel], SOIL)
@@ -372,17 +408,8 @@ def _step_wheel(wheels: WheelSet, wheel: int) -> None:
     slips = _deflect_tread(tread, soil, mobility, speeds, wheels.timestep)
     rut_resistance_factor = 1.0
     if wheels.ruts.firm.size > 0:
-        sinkage = sinkage_of(mobility.half_length, soil.resistance_bn, mobility.bn)
-        rut_resistance_factor = roll_rut(
-            wheels.ruts,
-            surface.grid,
-            wheel,
-            tyre,
-            (centre, axle, velocity),
-            mobility.half_length,
-            sinkage,
-            wheels.timestep,
-        )
+        motion = (centre, axle, velocity, rotation)
+        rut_resistance_factor = _roll_rut(wheels, wheel, load, cone_index, motion)
     ratios = _soil_ratios(soil, mobility, slips, rut_resistance_factor)
     report.load = load
     report.force_long = load * ratios.pull
