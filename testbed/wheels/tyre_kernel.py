@@ -304,13 +304,19 @@ def _soil_ratios(
     side_limit = min(soil.side_most, soil.side_bearing * largest_traction)
     largest_side = min(soil.side + soil.side_mobility / mobility.m, side_limit)
 
-    # combined slip: one vector (x, y) of length rho, inside the ellipse of both limits
+    # combined slip: under the tyre one vector (x, y) of length rho, inside the ellipse of both
+    # limits; beside it the slip angle alone
     x = soil.traction_slip * slips.along
     y = mobility.side_stiffness / largest_side * math.atan(slips.across)
     rho = math.sqrt(x * x + y * y)
     share = -math.expm1(-rho) / rho if rho > 0.0 else 1.0
     traction = largest_traction * share * x
-    side = -largest_side * share * y
+    under = share * y
+    side = -largest_side * under
+    beside = -math.expm1(-((soil.side_beside_bn / bn) ** 2))
+    if beside > 0.0:
+        alone = math.copysign(math.expm1(-abs(y)), y)
+        side -= largest_side * beside * (alone - under)
 
     torque = traction + soil.resistance_tyre * slips.rolling
     driving = max(0.0, slips.along * slips.rolling)
@@ -318,12 +324,11 @@ def _soil_ratios(
     growth = soil.resistance_slip * driving / math.sqrt(bn)
     resistance = rut_resistance_factor * on_new_soil + growth
 
-    # traction and side force are inside their ellipse; a brake beyond the tyre's own resistance
+    # the forces under the tyre are inside their ellipse; a brake beyond the tyre's own resistance
     # takes over that of the soil where both together would leave it
     braked = -traction * slips.rolling - soil.resistance_tyre
     if braked > 0.0:
-        beside = math.sqrt(max(0.0, 1.0 - (side / largest_side) ** 2))
-        spare = largest_traction * beside - abs(traction)
+        spare = largest_traction * math.sqrt(max(0.0, 1.0 - under**2)) - abs(traction)
         resistance = min(resistance, max(resistance - braked, spare))
     return Ratios(traction - resistance * slips.rolling, side, torque)
 
