@@ -7,7 +7,11 @@ Station. [B] is quoted from secondary sources, [G] from memory: neither primary 
 coefficients of [G], and those for radial tyres, are also in the public MAVS simulator
 (`vti/brixius.cpp`), whose mobility number for side force has a dimension and is not used. [P]
 H. B. Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, sec. 4.2: similarity of slips; relaxation
-length = cornering stiffness over lateral stiffness of the tyre, chap. 1 and 5.
+length = cornering stiffness over lateral stiffness of the tyre, chap. 1 and 5. [S] H. Schwanghart,
+"Lateral forces on steered tyres in loose soil", J. Terramechanics 5, 1968, and G. Ishigami et al.,
+"Terramechanics-based model for steering maneuver of planetary exploration rovers on loose soil",
+J. Field Robotics 24, 2007, both from memory: side force of a sunk wheel = shear under it + passive
+resistance of the soil beside it.
 """
 
 from copy import copy
@@ -77,6 +81,11 @@ class SoilLaw:
     skids until its traction is minus the resistance of the tyre; its hub is held back by the whole
     motion resistance ratio of [B]. The tyre's torque only takes energy: the law is passive.
 
+    A slip along the wheel takes side force away, see `combined_ratios`: all of that which the soil
+    under the tyre bears by shear, none of that which the soil beside a sunk tyre bears,
+
+        share beside the tyre   1 - e^(-(side_beside_bn / Bn)^2).                           [S]
+
     [G] measured undriven wheels; over which M is not known here. Its mu grows without bound as soil
     softens, which soil cannot bear: it shears where the stress reaches c + sigma tan(phi)
     (Coulomb), whatever the direction, and the largest traction ratio is what [B] measured of it
@@ -128,6 +137,10 @@ class SoilLaw:
     """Growth of that slope with M."""
     side_stiffness_most_per_rad: Positive = 6.0
     """Largest slope; 0.1 per degree, the order of tractor tyres on concrete (assumed)."""
+    side_beside_bn: NotNegative = 15.0
+    """Bn at which the soil beside the tyre bears 63 % of the side force; 0: none. Fitted to
+    a grousered wheel on sand at 15 deg (3D-RFT-wheel), taken as Bn = 20; the square is that of
+    passive resistance, which grows with the square of the sinkage."""
     relaxation_long_m: _Length = 0.15
     """Relaxation length of slip; assumed."""
     relaxation_lat_m: Annotated[float, Field(ge=0.0, le=10.0), AfterValidator(_none_or_length)] = (
@@ -230,23 +243,32 @@ class SoilLaw:
     ) -> tuple[FloatArray, FloatArray]:
         """Return traction and side force over load, both (n,), at slip and slip angle [rad].
 
-        Similarity after [P]: slip and slip angle, each over the value at which its initial slope
-        reaches its limit, are one vector,
+        Under the tyre similarity holds after [P]: slip and slip angle, each over the value at which
+        its initial slope reaches its limit, are one vector,
 
             x = traction_slip s,   y = C / mu alpha,   rho = |(x, y)|.
 
-        Both pure curves are 1 - e^-rho of their limit; the force has this size along the vector:
+        Both pure curves are 1 - e^-rho of their limit; the force has this size along the vector.
+        The soil beside a sunk tyre bears a share b of the side force whatever the slip [S]:
 
-            traction = largest (1 - e^-rho) x / rho,   side = -mu (1 - e^-rho) y / rho.
+            traction = largest (1 - e^-rho) x / rho,
+            side = -mu ((1 - b) (1 - e^-rho) y / rho + b (1 - e^-|y|) y / |y|).
 
-        Pure slip gives the pure laws; the force never leaves the ellipse of both limits.
+        Pure slip gives the pure laws; each force stays within its own limit, and where the soil
+        beside bears nothing both stay in their ellipse.
         """
         largest = self.largest_side_ratio(bn, mobility)
         x = self.traction_slip * np.asarray(slip)
         y = self.side_stiffness(mobility) / largest * slip_angle
         rho = np.hypot(x, y)
         share = np.where(rho > 0.0, -np.expm1(-rho) / np.where(rho > 0.0, rho, 1.0), 1.0)
-        return self.largest_traction_ratio(bn) * share * x, -largest * share * y
+        beside = self.share_beside(bn)
+        side = (1.0 - beside) * share * y - beside * np.sign(y) * np.expm1(-np.abs(y))
+        return self.largest_traction_ratio(bn) * share * x, -largest * side
+
+    def share_beside(self, bn: FloatArray) -> FloatArray:
+        """Return the share of the side force that the soil beside the tyre bears, (n,). [S]"""
+        return -np.expm1(-((self.side_beside_bn / bn) ** 2))
 
 
 _NUMBERS: Final = tuple(each.name for each in fields(SoilLaw) if each.name != "tyre")

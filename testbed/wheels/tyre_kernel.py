@@ -28,12 +28,13 @@ from ttempc.jit import FAST, cached_njit, record
 from ttempc.types import FloatArray
 
 from ..bodies import LEFT, Bodies, apply_wrench, axis_of, row_vector, velocity_of
+from ..ground.soil import NAMED_SOILS
 from ..ground.surface import Surface, grid_cell, ground_below
 from ..kernel_options import INLINED, KERNEL
 from ..truth import Wheels
 from ..vectors import VERTICAL, ZERO, Vector, add, cross, dot, norm, scale
 from . import tyre
-from .ruts import Ruts, roll_rut, sinkage_of
+from .ruts import PRESS, Ruts, press_strip, rolls_on, sinkage_of, strip_ahead
 from .soil_law import SOIL
 from .tyre import TYRE
 
@@ -52,6 +53,7 @@ _SMALLEST_LOAD: Final = tyre.SMALLEST_LOAD
 _SMALL_SPEED: Final = tyre.SMALL_SPEED
 _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
 _PA_PER_KPA: Final = 1e3
+_HARD_KPA: Final = NAMED_SOILS["hard"]  # no cone penetrates it, no wheel presses it
 
 _kernel = cached_njit(**KERNEL, fastmath=FAST)
 _inlined = cached_njit(**INLINED, fastmath=FAST)
@@ -302,13 +304,19 @@ def _soil_ratios(
     side_limit = min(soil.side_most, soil.side_bearing * largest_traction)
     largest_side = min(soil.side + soil.side_mobility / mobility.m, side_limit)
 
-    # combined slip: one vector (x, y) of length rho, inside the ellipse of both limits
+    # combined slip: under the tyre one vector (x, y) of length rho, inside the ellipse of both
+    # limits; beside it the slip angle alone
     x = soil.traction_slip * slips.along
     y = mobility.side_stiffness / largest_side * math.atan(slips.across)
     rho = math.sqrt(x * x + y * y)
     share = -math.expm1(-rho) / rho if rho > 0.0 else 1.0
     traction = largest_traction * share * x
-    side = -largest_side * share * y
+    under = share * y
+    side = -largest_side * under
+    beside = -math.expm1(-((soil.side_beside_bn / bn) ** 2))
+    if beside > 0.0:
+        alone = math.copysign(math.expm1(-abs(y)), y)
+        side -= largest_side * beside * (alone - under)
 
     torque = traction + soil.resistance_tyre * slips.rolling
     driving = max(0.0, slips.along * slips.rolling)
@@ -316,14 +324,47 @@ def _soil_ratios(
     growth = soil.resistance_slip * driving / math.sqrt(bn)
     resistance = rut_resistance_factor * on_new_soil + growth
 
-    # traction and side force are inside their ellipse; a brake beyond the tyre's own resistance
+    # the forces under the tyre are inside their ellipse; a brake beyond the tyre's own resistance
     # takes over that of the soil where both together would leave it
     braked = -traction * slips.rolling - soil.resistance_tyre
     if braked > 0.0:
-        beside = math.sqrt(max(0.0, 1.0 - (side / largest_side) ** 2))
-        spare = largest_traction * beside - abs(traction)
+        spare = largest_traction * math.sqrt(max(0.0, 1.0 - under**2)) - abs(traction)
         resistance = min(resistance, max(resistance - braked, spare))
     return Ratios(traction - resistance * slips.rolling, side, torque)
+
+
+@_inlined
+def _roll_rut(
+    wheels: WheelSet,
+    wheel: int,
+    load: float,
+    cone_index: float,
+    motion: tuple[Vector, Vector, Vector, Vector],
+) -> float:
+    """Let a wheel press its rut and return its resistance over that of new soil.
+
+    Args:
+        wheels: with the ruts, changed in place.
+        wheel: number of the wheel.
+        load: of the wheel [N].
+        cone_index: of the soil below it [kPa].
+        motion: centre [m], axle, velocity [m/s] and rotation [rad/s] of the wheel.
+    """
+    ruts = wheels.ruts
+    soil = record(wheels.law[wheel], SOIL)
+    tyre = record(wheels.tyres[wheel], TYRE)
+    press = record(ruts.presses[wheel], PRESS)
+
+    # what is left of the soil's resistance on hard ground is no work of sinkage
+    sinking = max(0.0, 1.0 - cone_index / _HARD_KPA)
+    velocity = motion[2]
+    if rolls_on(ruts, wheel, load, wheels.timestep * math.hypot(velocity[0], velocity[1])):
+        usual = _mobility(soil, tyre, press.load, cone_index)
+        resistance = sinking * soil.resistance_bn / usual.bn
+        sinkage = sinkage_of(usual.half_length, tyre.width, resistance)
+        strip = strip_ahead(ruts, wheel, tyre, motion)
+        press_strip(ruts, wheels.surface.grid, wheel, strip, usual.half_length, sinkage)
+    return 1.0 + sinking * press.excess
 
 
 @_inlined
@@ -372,17 +413,8 @@ def _step_wheel(wheels: WheelSet, wheel: int) -> None:
     slips = _deflect_tread(tread, soil, mobility, speeds, wheels.timestep)
     rut_resistance_factor = 1.0
     if wheels.ruts.firm.size > 0:
-        sinkage = sinkage_of(mobility.half_length, soil.resistance_bn, mobility.bn)
-        rut_resistance_factor = roll_rut(
-            wheels.ruts,
-            surface.grid,
-            wheel,
-            tyre,
-            (centre, axle, velocity),
-            mobility.half_length,
-            sinkage,
-            wheels.timestep,
-        )
+        motion = (centre, axle, velocity, rotation)
+        rut_resistance_factor = _roll_rut(wheels, wheel, load, cone_index, motion)
     ratios = _soil_ratios(soil, mobility, slips, rut_resistance_factor)
     report.load = load
     report.force_long = load * ratios.pull

@@ -16,12 +16,13 @@ from ..ground.ground import Ground
 from ..ground.surface import Surface
 from ..truth import WHEELS, Wheels
 from ..vehicle.steering_coupling import Coupling, couple_joints
-from .ruts import Ruts
+from .ruts import PRESS, Ruts
 from .soil_law import SoilLaw
 from .tyre import Tyres, mobility
 from .tyre_kernel import TREAD, WHEEL, WheelSet, wheel_step
 
 _TREAD_SIZE: Final = len(TREAD.names or ())
+_PRESS_SIZE: Final = len(PRESS.names or ())
 
 
 class WheelModel:
@@ -87,12 +88,13 @@ class SoilWheels(WheelModel):
         count = len(WHEELS)
         heights = ground.terrain.heights
 
-        # The state: treads, and with ruts travel and excess resistance of each wheel, then heights.
+        # The state: treads, and with ruts the rows `PRESS` of the wheels, then heights.
         treads = _TREAD_SIZE * count
-        self.state = np.zeros(treads + 2 * count + heights.size if ground.ruts else treads)
-        travel, excess, pressed = np.split(self.state[treads:], [count, 2 * count])
+        presses = _PRESS_SIZE * count if ground.ruts else 0
+        pressed = heights.size if ground.ruts else 0
+        self.state = np.zeros(treads + presses + pressed)
         self._firm = heights if ground.ruts else np.empty((0, 0))
-        self._heights = pressed.reshape(self._firm.shape)
+        self._heights = self.state[treads + presses :].reshape(self._firm.shape)
         surface = self._heights.view() if ground.ruts else heights
         for each in (surface, self._firm):
             each.setflags(write=False)  # views: one compiled version of the kernel
@@ -103,7 +105,11 @@ class SoilWheels(WheelModel):
             law=law.of(tyres.radial).table(count),
             tyres=self.tyre_table,
             surface=Surface.of(ground, surface),
-            ruts=Ruts(self._firm, self._heights, travel, excess),
+            ruts=Ruts(
+                firm=self._firm,
+                heights=self._heights,
+                presses=self.state[treads : treads + presses].reshape(-1, _PRESS_SIZE),
+            ),
             bodies=Bodies.of(data),
             numbers=np.array([model.body(wheel).id for wheel in WHEELS]),
             treads=self.state[:treads].reshape(count, _TREAD_SIZE),

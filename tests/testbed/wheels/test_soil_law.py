@@ -125,12 +125,15 @@ def test_slip_at_traction_inverts_the_traction_equation(slip):
 def test_combined_slip_by_hand():
     """Bn = 20, M = 5, s = 0.1, alpha = 0.2: x = 0.75, y = 2.78 / 0.748 x 0.2 = 0.743316.
 
-    rho = 1.055944, (1 - e^-rho) / rho = 0.617586; 0.760905 x 0.617586 x 0.75 and
-    0.748 x 0.617586 x 0.743316.
+    Under the tyre rho = 1.055944, (1 - e^-rho) / rho = 0.617586; traction is 0.760905 x 0.617586 x
+    0.75. The soil beside it bears 1 - e^-(15 / 20)^2 = 0.430217: 0.748 (0.569783 x 0.617586 x
+    0.743316 + 0.430217 (1 - e^-0.743316 = 0.524465)).
     """
     traction, side = LAW.combined_ratios(*at(20.0, 5.0, 0.1, 0.2))
     assert traction[0] == pytest.approx(0.352443, abs=2e-6)
-    assert side[0] == pytest.approx(-0.343378, abs=2e-6)
+    assert side[0] == pytest.approx(-0.364426, abs=3e-6)
+    _, side = SoilLaw(side_beside_bn=0.0).combined_ratios(*at(20.0, 5.0, 0.1, 0.2))
+    assert side[0] == pytest.approx(-0.343378, abs=2e-6)  # the vector sum alone
 
 
 @pytest.mark.parametrize(
