@@ -15,7 +15,14 @@ from typing import Final, overload
 import numpy as np
 
 from .errors import InvalidSamples
-from .sensors import ROW_OF, SENSOR_COUNT, SENSORS, SensorKind, sensors_of_kind
+from .sensors import (
+    RECEIVER_OF_BODY,
+    ROW_OF,
+    SENSOR_COUNT,
+    SENSORS,
+    SensorKind,
+    sensors_of_kind,
+)
 from .types import Estimate, FloatArray, Innovation, Measurement
 
 
@@ -24,8 +31,8 @@ class SampleColumn(IntEnum):
 
     TIME_S = 0  # at which the sample was taken
     SENSOR = 1  # number of the sensor, see `SensorIndex`
-    # Entries of the sample, 0 where it has fewer of them. Of an IMU they are yaw rate, roll and
-    # pitch; the third one of a position is its `Measurement.status`.
+    # Entries of the sample in the order of `SensorRow.components`, 0 where it has fewer of them.
+    # The third one of a position is its `Measurement.status`.
     FIRST = 2
     SECOND = 3
     THIRD = 4
@@ -50,7 +57,8 @@ def sample_rows(samples: Sequence[Measurement] | FloatArray) -> FloatArray:
     """Return the rows (n, `SAMPLE`) of samples, in their order.
 
     Samples of unknown sensors are left out. A value with another number of components than its
-    sensor has becomes NaN. Samples may be given as such rows, which are checked.
+    sensor has becomes NaN. `Measurement.receiver` is a row of its own behind that of the position.
+    Samples may be given as such rows, which are checked.
 
     Raises:
         InvalidSamples: rows of another shape, or with a number that is none of `SensorIndex`; a
@@ -67,6 +75,9 @@ def sample_rows(samples: Sequence[Measurement] | FloatArray) -> FloatArray:
                     fill = (sample.status,)
                 value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
                 rows.extend((sample.time_s, index, *value))
+                if has_status and sample.receiver is not None:
+                    of_receiver = RECEIVER_OF_BODY[ROW_OF[sample.sensor].body]
+                    rows.extend((sample.time_s, of_receiver, *sample.receiver.value))
             elif not isinstance(sample.sensor, str):
                 raise TypeError(f"sensor is {type(sample.sensor).__name__}")
     except (AttributeError, OverflowError, TypeError, ValueError) as error:

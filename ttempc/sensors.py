@@ -6,7 +6,7 @@ the filter uses it, its equation in `ttempc/models/measurement.py`.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum, StrEnum
+from enum import IntEnum, IntFlag, StrEnum
 from typing import Final
 
 
@@ -21,6 +21,10 @@ class Sensor(StrEnum):
     ENCODER = "encoder"  # (v,) [m/s], circumferential speed of the rear wheels
     IMU_TRACTOR = "imu_tractor"  # (yaw rate [rad/s], roll, pitch [rad]): left up, nose down
     IMU_TRAILER = "imu_trailer"  # yaw rate, roll and pitch of the trailer
+    VELOCITY_TRACTOR = "velocity_tractor"  # by GNSS: east, north, sd of an axis, 0: unknown [m/s]
+    VELOCITY_TRAILER = "velocity_trailer"  # of the trailer's receiver
+    RECEIVER_TRACTOR = "receiver_tractor"  # `ReceiverStatus.value`: flags, [s], [m]
+    RECEIVER_TRAILER = "receiver_trailer"  # of the trailer's receiver
 
 
 class SensorIndex(IntEnum):
@@ -34,6 +38,10 @@ class SensorIndex(IntEnum):
     ENCODER = 5
     IMU_TRACTOR = 6
     IMU_TRAILER = 7
+    VELOCITY_TRACTOR = 8
+    VELOCITY_TRAILER = 9
+    RECEIVER_TRACTOR = 10
+    RECEIVER_TRAILER = 11
 
 
 class SensorKind(IntEnum):
@@ -43,6 +51,17 @@ class SensorKind(IntEnum):
     ANGLE = 1  # of a joint: differences are wrapped to half a turn
     SPEED = 2
     INERTIAL = 3  # yaw rate, roll and pitch of a body
+    VELOCITY = 4  # over ground, by Doppler or carrier phase; it checks the positions
+    RECEIVER = 5  # what a receiver says of itself
+
+
+class ReceiverFlag(IntFlag):
+    """Warnings of a receiver, as bits of the first entry of its status."""
+
+    DEAD_RECKONING = 1  # the position is computed, not measured
+    SPOOFED = 2
+    JAMMED = 4
+    FEW_SATELLITES = 8
 
 
 class Body(IntEnum):
@@ -85,6 +104,24 @@ OTHERS: Final = "others"
 
 _POSITION: Final = ("x_m", "y_m")
 _INERTIAL: Final = ("yaw_rate_radps", "roll_rad", "pitch_rad")
+_VELOCITY: Final = ("east_mps", "north_mps", "sd_mps")
+_RECEIVER: Final = ("flags", "correction_age_s", "protection_m")
+
+
+def _unfiltered(
+    index: SensorIndex, kind: SensorKind, body: Body, components: tuple[str, ...]
+) -> SensorRow:
+    """Return the row of a sensor that the detectors alone use."""
+    return SensorRow(
+        index,
+        kind,
+        body,
+        components=components,
+        noise=OTHERS,
+        needed_at_start=False,
+        used_by_filter=False,
+    )
+
 
 SENSORS: Final[tuple[SensorRow, ...]] = (
     SensorRow(
@@ -151,6 +188,10 @@ SENSORS: Final[tuple[SensorRow, ...]] = (
         noise="yaw_rate",
         needed_at_start=False,
     ),
+    _unfiltered(SensorIndex.VELOCITY_TRACTOR, SensorKind.VELOCITY, Body.TRACTOR, _VELOCITY),
+    _unfiltered(SensorIndex.VELOCITY_TRAILER, SensorKind.VELOCITY, Body.TRAILER, _VELOCITY),
+    _unfiltered(SensorIndex.RECEIVER_TRACTOR, SensorKind.RECEIVER, Body.TRACTOR, _RECEIVER),
+    _unfiltered(SensorIndex.RECEIVER_TRAILER, SensorKind.RECEIVER, Body.TRAILER, _RECEIVER),
 )
 """Every sensor, in the order of `SensorIndex`."""
 
@@ -184,3 +225,7 @@ GNSS_OF_BODY: Final = tuple(_index_of(SensorKind.POSITION, body) for body in Bod
 """Number of the receiver of each `Body`."""
 IMU_OF_BODY: Final = tuple(_index_of(SensorKind.INERTIAL, body) for body in Body)
 """Number of the IMU of each `Body`."""
+VELOCITY_OF_BODY: Final = tuple(_index_of(SensorKind.VELOCITY, body) for body in Body)
+"""Number of the velocity of each `Body`'s receiver."""
+RECEIVER_OF_BODY: Final = tuple(_index_of(SensorKind.RECEIVER, body) for body in Body)
+"""Number of the status of each `Body`'s receiver."""

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from .sensors import ReceiverFlag
 from .sensors import Sensor as Sensor
 
 FloatArray = NDArray[np.float64]
@@ -71,6 +72,40 @@ class MapDisturbance(IntEnum):
     CLIMB_Y = 3  # wheel slip of a vehicle that drives north
 
 
+_ENOUGH_SATELLITES: Final = 5  # a fix of four has no redundancy: it cannot check itself
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverStatus:
+    """What a receiver says of itself beside `Measurement.status`; each field is optional.
+
+    Examples:
+        >>> ReceiverStatus(spoofed=True, correction_age_s=1.2).value
+        (2.0, 1.2, 0.0)
+    """
+
+    dead_reckoning: bool = False  # the position is computed from other sensors, not measured
+    spoofed: bool = False
+    jammed: bool = False
+    satellites: int | None = None  # used in the solution
+    correction_age_s: float = 0.0  # of the corrections [s]; 0: not known
+    protection_m: float = 0.0  # horizontal protection level [m]; 0: not known
+
+    @property
+    def value(self) -> tuple[float, float, float]:
+        """Return the entries of a sample of `Sensor.RECEIVER_TRACTOR`: `ReceiverFlag`, [s], [m]."""
+        flags = ReceiverFlag(0)
+        if self.dead_reckoning:
+            flags |= ReceiverFlag.DEAD_RECKONING
+        if self.spoofed:
+            flags |= ReceiverFlag.SPOOFED
+        if self.jammed:
+            flags |= ReceiverFlag.JAMMED
+        if self.satellites is not None and self.satellites < _ENOUGH_SATELLITES:
+            flags |= ReceiverFlag.FEW_SATELLITES
+        return float(flags), self.correction_age_s, self.protection_m
+
+
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """One sample of one sensor.
@@ -84,6 +119,7 @@ class Measurement:
     sensor: Sensor
     value: tuple[float, ...]  # see `Sensor` for meaning, length and unit
     status: int = 0  # of a position, as the receiver says: 1 fixed, 2 float; 0 not known
+    receiver: ReceiverStatus | None = None  # of a position, what else the receiver says
 
 
 class Innovation(NamedTuple):

@@ -109,4 +109,33 @@ class HeavyTailed:
         return errors
 
 
-ErrorSource = White | Correlated | HeavyTailed
+class Wandering:
+    """Error of a velocity: white noise, and a slow part that two receivers have in common.
+
+    Args:
+        sd: standard deviation of the white part, (m,).
+        wander_sd: standard deviation of the slow part, (m,).
+        correlation_time: of the slow part [s].
+        period: between samples [s].
+        rng: generator of the white part of this receiver.
+        shared_rng: generator of the slow part; one of equal seed gives the same slow part.
+    """
+
+    def __init__(
+        self,
+        sd: FloatArray,
+        wander_sd: FloatArray,
+        correlation_time: float,
+        period: float,
+        rng: np.random.Generator,
+        shared_rng: np.random.Generator,
+    ) -> None:
+        self._white = White(sd, rng)
+        self._slow = Correlated(wander_sd, 0.0, correlation_time, period, shared_rng, shared_rng)
+
+    def errors(self, n: int) -> FloatArray:
+        """Return the errors of the next samples, (n, m)."""
+        return self._white.errors(n) + self._slow.errors(n)
+
+
+ErrorSource = White | Correlated | HeavyTailed | Wandering

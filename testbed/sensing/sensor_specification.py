@@ -16,6 +16,7 @@ from .receivers import PLACES, Place
 
 GnssError = Literal["white", "correlated", "non-gaussian", Place]
 GnssAntenna = Literal["point", "raw", "corrected"]
+GnssVelocity = Literal["none", "doppler", "carrier", "positions"]
 EncoderOn = Literal["wheel", "ground"]
 
 ANGLE_RANGE_DEG: Final = 90.0
@@ -30,6 +31,7 @@ SENSOR_PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
         "paper": {},
         "field": {
             "gnss_error": "open-sky",
+            "gnss_velocity": "doppler",
             # Antennas on masts, their lever arms corrected with the attitude that an IMU measures.
             "gnss_antenna": "corrected",
             "imu": {"on": True},
@@ -140,6 +142,17 @@ class SensorSpecification:
     """Point that is measured: axle point, antenna, or antenna corrected by the IMU's attitude."""
     gnss_latency_s: Latency = 0.0
     """Time from sampling to delivery."""
+    gnss_velocity: GnssVelocity = "none"
+    """Velocity that the receivers deliver: none, that of a moment by Doppler, the mean since the
+    last sample by carrier phase, or the derivative of their own positions, which checks nothing."""
+    gnss_velocity_sd_mps: NotNegative = 0.03
+    """Standard deviation of the white part of a velocity's axis by Doppler or carrier; assumed."""
+    gnss_velocity_wander_mps: NotNegative = 0.002
+    """Standard deviation of the slow part of that error, which both receivers share; assumed."""
+    gnss_velocity_wander_s: DurationS = 60.0
+    """Correlation time of the slow part; assumed."""
+    gnss_status: bool = False
+    """Whether the receivers tell their status: warnings, age of corrections, protection level."""
     gnss_resolution_m: NotNegative = 0.0
     """Resolution of a position; 0: not quantised."""
     angle_rate_hz: RateHz = 25.0
@@ -224,7 +237,7 @@ class SensorSpecification:
             KeyError: the vehicle does not have the sensor.
         """
         match ROW_OF[sensor].kind:
-            case SensorKind.POSITION:
+            case SensorKind.POSITION | SensorKind.VELOCITY | SensorKind.RECEIVER:
                 return 1.0 / self.gnss_rate_hz
             case SensorKind.INERTIAL:
                 return 1.0 / self.imu.rate_hz

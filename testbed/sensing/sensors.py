@@ -5,6 +5,10 @@ antenna above it, which a rolling or pitching vehicle moves. "raw" samples are t
 antenna. "corrected" samples are that position less the lever arm, turned by the roll and pitch of
 the newest sample of that body's IMU. The heading for that turn is the true one: an error of the
 heading would move the corrected point by height x sin(roll) x error, 3 mm at 0.1 rad and 1 deg.
+
+The velocity of a receiver is that of the point whose position it delivers; of "corrected" positions
+it is that of the axle point. It comes from the satellites, not from the positions, and so a fault
+of the positions leaves it alone, unless the receiver derives it from them.
 """
 
 import math
@@ -24,7 +28,7 @@ from ..discretisation import whole_steps
 from ..randomness import generator
 from ..truth import ANTENNA_COLUMNS, MOTION
 from .receivers import EPOCH, EPOCH_SIZE, NORMALS, advance, new_state, receiver
-from .sensor_errors import Correlated, ErrorSource, HeavyTailed, White
+from .sensor_errors import Correlated, ErrorSource, HeavyTailed, Wandering, White
 from .sensor_specification import (
     ANGLE_RANGE_DEG,
     ImuSpecification,
@@ -47,6 +51,8 @@ NUMBER: Final = {row.sensor: int(row.index) for row in SENSORS}
 
 _AHEAD: Final = 256  # samples of each sensor whose errors are drawn at once
 _ENTRIES: Final = 3  # of a sample, at most
+_DERIVED_S: Final = 1.0  # of the positions from which a receiver derives its velocity; assumed
+_NO_SD: Final = np.zeros(1)
 _NONE: Final = -1  # for a body or an antenna that a sensor does not use
 _BODIES: Final = ("t", "i")  # ending of names in `MOTION`, in the order of the antennas
 _TURNS: Final = 360.0 / ANGLE_RANGE_DEG  # of the deviation of an angle sensor in a turn
@@ -68,6 +74,9 @@ _SENSOR: Final = np.dtype(
         ("attitude_of", "i8"),  # body whose attitude an IMU measures, or `_NONE`
         ("corrected_by", "i8"),  # body whose attitude corrects the sample, or `_NONE`
         ("antenna", "i8"),  # whose error comes from `receivers.advance`, or `_NONE`
+        ("velocity_of", "i8"),  # body whose receiver gives a velocity, or `_NONE`
+        ("is_mean", "i8"),  # whether that is the mean since the last sample
+        ("stated_sd", "f8"),  # that the receiver states of its velocity [m/s]
         ("offset", "f8"),  # of an angle sensor [rad]
         ("nonlinearity", "f8"),  # its largest deviation from a straight line [rad]
         ("phase", "f8"),  # of that deviation [rad]
@@ -84,6 +93,15 @@ _TRAVEL: Final = np.dtype(
 )
 
 
+_TRACK: Final = np.dtype(
+    [
+        ("moment", "f8", 3),  # time [s] and place [m] of the last moment, NaN: none yet
+        ("sample", "f8", 3),  # time and place of the last sample of the velocity
+    ]
+)
+"""Places of a receiver from which its velocity follows."""
+
+
 class _Suite(NamedTuple):
     """Settings and state of all sensors, for the compiled part."""
 
@@ -95,6 +113,7 @@ class _Suite(NamedTuple):
     receivers: FloatArray  # record `RECEIVER`; empty where the errors are of no place
     solutions: FloatArray  # record `STATE` of the receivers
     travel: FloatArray  # of the tractor point, a record `_TRAVEL`
+    tracks: FloatArray  # (2, ...) of the receivers, rows `_TRACK`
 
 
 Change = Callable[[FloatArray], FloatArray]
@@ -138,10 +157,14 @@ class SensorSuite:
             receivers=np.array(astuple(receiver(place)) if place else ()),
             solutions=new_state(),
             travel=np.full(_TRAVEL.itemsize // 8, math.nan),
+            tracks=np.full((len(_BODIES), _TRACK.itemsize // 8), math.nan),
         )
         self._spare = 0  # moments for which there are errors at least
         self._transit = np.empty((0, SAMPLE + 2))  # samples under way, as for a `Change`
         self._delays = bool(self._sensors["delay"].any())
+        # Velocities from positions follow them through every change
+        derives = specification.gnss_velocity == "positions"
+        self._derived = DerivedVelocities() if derives else None
 
     def _draw_angle_errors(self, seed: int) -> None:
         """Draw offset and nonlinearity of every angle sensor, once a run."""
@@ -183,7 +206,7 @@ class SensorSuite:
         count = _take(truths, first, stride, self._suite, samples, due)
         samples = samples[:count]
         due = due[:count]
-        if not (self._delays or self.changes):
+        if not (self._delays or self.changes or self._derived):
             return samples, (due - first) / stride
         return self._deliver(samples, due, first, stride, len(truths))
 
@@ -194,6 +217,8 @@ class SensorSuite:
         taken = np.column_stack([samples, due, samples[:, 0]])
         for change in self.changes:
             taken = change(taken)
+        if self._derived:
+            taken = self._derived(taken)
         under_way = np.concatenate([self._transit, taken])
         at = np.maximum(np.ceil((under_way[:, SAMPLE] - first) / stride), 0.0)
         order = np.argsort(at, kind="stable")
@@ -222,6 +247,14 @@ class SensorSuite:
                 yield self._imu(sensor), _imu_error(specification.imu, seed, sensor)
         for sensor in sensors_of_kind(SensorKind.POSITION):
             yield self._gnss(sensor), _gnss_error(specification, seed, sensor)
+        if specification.gnss_velocity != "none":
+            for sensor in sensors_of_kind(SensorKind.VELOCITY):
+                yield self._velocity(sensor), _velocity_error(specification, seed, sensor)
+        if specification.gnss_status:
+            for sensor in sensors_of_kind(SensorKind.RECEIVER):
+                # A receiver without a warning says zeros
+                rng = generator(seed, f"sensor/{sensor}")
+                yield self._entry(sensor, (), specification.gnss_latency_s, ()), White(_NO_SD, rng)
         for sensor, plain in specification.plain_sensors.items():
             source = White(np.array([plain.sd]), generator(seed, f"sensor/{sensor}"))
             yield self._plain(sensor, plain), source
@@ -240,9 +273,9 @@ class SensorSuite:
         of = self.specification
         body = ROW_OF[sensor].body
         antenna = ANTENNA_COLUMNS.start + 3 * body
-        columns = (antenna, antenna + 1)
-        if of.gnss_antenna == "point":
-            columns = _columns(f"x_{_BODIES[body]}", f"y_{_BODIES[body]}")
+        columns = (
+            self._receiver_columns(body) if of.gnss_antenna == "point" else (antenna, antenna + 1)
+        )
         return self._entry(
             sensor,
             columns,
@@ -251,6 +284,30 @@ class SensorSuite:
             corrected_by=body if of.gnss_antenna == "corrected" else _NONE,
             antenna=body if of.place else _NONE,
         )
+
+    def _velocity(self, sensor: Sensor) -> tuple[object, ...]:
+        """Return the `_SENSOR` of the velocity of a receiver."""
+        of = self.specification
+        body = ROW_OF[sensor].body
+        columns = self._receiver_columns(body)
+        unquantised = len(columns) * (0.0,)
+        stated_sd = math.hypot(of.gnss_velocity_sd_mps, of.gnss_velocity_wander_mps)
+        return self._entry(
+            sensor,
+            columns,
+            of.gnss_latency_s,
+            unquantised,
+            velocity_of=body,
+            is_mean=of.gnss_velocity == "carrier",
+            stated_sd=stated_sd,
+        )
+
+    def _receiver_columns(self, body: int) -> tuple[int, ...]:
+        """Return the columns of the point whose position the receiver of a body delivers."""
+        if self.specification.gnss_antenna == "raw":
+            antenna = ANTENNA_COLUMNS.start + 3 * body
+            return antenna, antenna + 1
+        return _columns(f"x_{_BODIES[body]}", f"y_{_BODIES[body]}")
 
     def _plain(self, sensor: Sensor, plain: PlainSensor) -> tuple[object, ...]:
         """Return the `_SENSOR` of a sensor of one number."""
@@ -266,6 +323,9 @@ class SensorSuite:
         attitude_of: int = _NONE,
         corrected_by: int = _NONE,
         antenna: int = _NONE,
+        velocity_of: int = _NONE,
+        is_mean: bool = False,
+        stated_sd: float = 0.0,
     ) -> tuple[object, ...]:
         """Return a `_SENSOR` without errors of an angle."""
         period_s = self.specification.period_s(sensor)
@@ -281,6 +341,9 @@ class SensorSuite:
             attitude_of,
             corrected_by,
             antenna,
+            velocity_of,
+            is_mean,
+            stated_sd,
             *(0.0, 0.0, 0.0),
         )
 
@@ -311,11 +374,32 @@ def _take(
         travel.distance = travel.distance + moved if moved >= 0.0 else 0.0
         for k in range(len(suite.sensors)):
             of = record(suite.sensors[k], _SENSOR)
-            if step % of.every == 0:
+            # A velocity needs an earlier place: there is none at the first moment
+            known = of.velocity_of < 0 or suite.tracks[max(of.velocity_of, 0), 0] < truth[_TIME]
+            if step % of.every == 0 and known:
                 _sample(truth, suite, k, epoch, samples[count])
                 due[count] = step + of.delay
                 count += 1
+        _note_places(truth, suite)
     return count
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _note_places(truth: FloatArray, suite: _Suite) -> None:
+    """Keep the places of this moment from which the next velocities follow."""
+    for k in range(len(suite.sensors)):
+        of = record(suite.sensors[k], _SENSOR)
+        if of.velocity_of >= 0:
+            moment = record(suite.tracks[of.velocity_of], _TRACK).moment
+            _write_place(truth, of.columns, moment)
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _write_place(truth: FloatArray, columns: NDArray[np.int64], place: FloatArray) -> None:
+    """Write time and place of a receiver, (3,)."""
+    place[0] = truth[_TIME]
+    place[1] = truth[columns[0]]
+    place[2] = truth[columns[1]]
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -328,6 +412,8 @@ def _sample(truth: FloatArray, suite: _Suite, k: int, epoch: FloatArray, row: Fl
     row[SampleColumn.THIRD] = 0.0
     for i in range(of.length):
         row[SampleColumn.FIRST + i] = truth[of.columns[i]]
+    if of.velocity_of >= 0:
+        _difference(truth, suite, k, row)
     if of.corrected_by >= 0:
         _correct_lever(truth, suite, of.corrected_by, row)
     if of.offset != 0.0 or of.nonlinearity != 0.0:
@@ -354,6 +440,21 @@ def _sample(truth: FloatArray, suite: _Suite, k: int, epoch: FloatArray, row: Fl
     if of.attitude_of >= 0:
         suite.attitudes[of.attitude_of, 0] = row[SampleColumn.SECOND]
         suite.attitudes[of.attitude_of, 1] = row[SampleColumn.THIRD]
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _difference(truth: FloatArray, suite: _Suite, k: int, row: FloatArray) -> None:
+    """Write the velocity of a receiver since the last moment, or since its last sample."""
+    of = record(suite.sensors[k], _SENSOR)
+    track = record(suite.tracks[of.velocity_of], _TRACK)
+    since = track.moment
+    if of.is_mean and not math.isnan(track.sample[0]):
+        since = track.sample
+    span_s = truth[_TIME] - since[0]
+    row[SampleColumn.FIRST] = (truth[of.columns[0]] - since[1]) / span_s
+    row[SampleColumn.SECOND] = (truth[of.columns[1]] - since[2]) / span_s
+    row[SampleColumn.THIRD] = of.stated_sd
+    _write_place(truth, of.columns, track.sample)
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -402,6 +503,51 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
             return HeavyTailed(sd, rng)
         case _:  # a place: the tractor's drive both receivers
             return White(np.ones(NORMALS), rng)
+
+
+class DerivedVelocities:
+    """Velocities that a receiver derives from its positions, as a `Change` after all others.
+
+    A velocity is the mean of a second of the positions as they are delivered: it is smooth, 0 where
+    the position is held, and says nothing about the position that the position does not say.
+    """
+
+    def __init__(self) -> None:
+        self._positions: dict[int, list[tuple[float, float, float]]] = {}  # by body: t, x, y
+
+    def __call__(self, samples: FloatArray) -> FloatArray:
+        """Return the samples with derived velocities."""
+        for row in samples:
+            sensor = SENSORS[int(row[SampleColumn.SENSOR])]
+            known = self._positions.setdefault(int(sensor.body), [])
+            time_s, x, y = row[[SampleColumn.TIME_S, SampleColumn.FIRST, SampleColumn.SECOND]]
+            if sensor.kind is SensorKind.POSITION:
+                known.append((float(time_s), float(x), float(y)))
+                while known[-1][0] - known[0][0] > _DERIVED_S:
+                    known.pop(0)
+            elif sensor.kind is SensorKind.VELOCITY:
+                row[SampleColumn.FIRST : SampleColumn.THIRD] = self._slope(known)
+        return samples
+
+    @staticmethod
+    def _slope(known: list[tuple[float, float, float]]) -> tuple[float, float]:
+        """Return the velocity from the first to the last position, 0 without two of them."""
+        if len(known) < 2 or known[-1][0] == known[0][0]:
+            return 0.0, 0.0
+        span_s = known[-1][0] - known[0][0]
+        return (known[-1][1] - known[0][1]) / span_s, (known[-1][2] - known[0][2]) / span_s
+
+
+def _velocity_error(specification: SensorSpecification, seed: int, sensor: Sensor) -> ErrorSource:
+    """Return the errors of the velocity of a receiver."""
+    return Wandering(
+        np.full(2, specification.gnss_velocity_sd_mps),
+        np.full(2, specification.gnss_velocity_wander_mps),
+        specification.gnss_velocity_wander_s,
+        specification.period_s(sensor),
+        generator(seed, f"sensor/{sensor}"),
+        generator(seed, "sensor/velocity/wander"),
+    )
 
 
 def _imu_units(yaw_rate_degps: float, angle_deg: float) -> tuple[float, float, float]:

@@ -5,7 +5,7 @@ import pytest
 
 from ttempc.errors import InvalidSamples
 from ttempc.layout import SAMPLE, measurements_of, sample_rows
-from ttempc.sensors import ROW_OF, SensorIndex
+from ttempc.sensors import ROW_OF, SENSOR_COUNT, SensorIndex
 from ttempc.types import Measurement, Sensor
 
 
@@ -37,7 +37,7 @@ def test_rows_of_no_samples_and_of_impossible_ones() -> None:
         (np.zeros((2, 4)), r"\(2, 4\)"),
         (np.zeros(5), r"\(5,\)"),
         (np.full((1, SAMPLE), "1"), "numbers"),
-        (np.full((3, SAMPLE), 8), "sensor 8 in row 0"),
+        (np.full((3, SAMPLE), SENSOR_COUNT), f"sensor {SENSOR_COUNT} in row 0"),
         (np.array([[0.0, 1.0, 0, 0, 0], [0.0, -1.0, 0, 0, 0]]), "sensor -1 in row 1"),
         (np.full((1, SAMPLE), 0.5), "sensor 0.5"),
         (np.full((1, SAMPLE), math.nan), "sensor nan"),

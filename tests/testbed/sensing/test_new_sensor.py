@@ -19,7 +19,7 @@ ADDITIONS = {
     RADAR = "radar"  # (v,) [m/s], speed over ground
 """,
         "\n\nclass SensorKind(IntEnum)": """\
-    RADAR = 8
+    RADAR = 12
 """,
         ')\n"""Every sensor, in the order': """\
     SensorRow(
