@@ -24,7 +24,8 @@ lint: $(VENV)/.dev         ## style, types, layers, readability
 docs: $(VENV)/.dev         ## the documentation site: dist/site/index.html
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going docs dist/site
 
-wheels: $(VENV)/.dev       ## dist/: the control library alone, and the proving ground
+wheels: $(VENV)/.dev       ## dist/: the control library alone, and the proving ground, with their kernels
+	$(BIN)/python packaging/kernels.py
 	TTEMPC_LIBRARY="==$$($(BIN)/python -c 'import ttempc; print(ttempc.__version__)')" \
 		$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist ./ttempc .
 

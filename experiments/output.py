@@ -73,15 +73,12 @@ def progress(
     from tqdm import tqdm
 
     begun = told = time.monotonic()
-    done = kernels = 0
+    done = 0
 
     def count() -> None:
-        nonlocal done, told, kernels
+        nonlocal done, told
         done += 1
         bar.update()
-        before, kernels = kernels, _kernels()
-        if kernels == before:  # none was compiled for this unit: it may be the end of compiling
-            announce_compilation()
         if not terminal and (now := time.monotonic()) - told >= _EVERY_S and done < total:
             told = now
             text = f"{what}: {done} of {total} {unit}s in {now - begun:.0f} s"
@@ -93,10 +90,6 @@ def progress(
 
 def announce_compilation() -> None:
     """Say how many kernels this process has compiled, and in what time, once."""
-    if _kernels():
-        sys.modules["ttempc.jit"].COMPILATION.announce()
-
-
-def _kernels() -> int:
     jit = sys.modules.get("ttempc.jit")  # it loads numba, which help and refusals do without
-    return jit.COMPILATION.kernels if jit else 0
+    if jit is not None:
+        jit.COMPILATION.announce()

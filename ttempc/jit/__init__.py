@@ -13,10 +13,13 @@ What a release of numba may break, how one sees it, and how to switch it off:
   `tests/ttempc/jit` fail. Set `NUMBA_DISABLE_JIT=1`.
 """
 
+from . import target
 from .cache import COMPILATION, Compilation, fingerprint
 from .compiler import FAST, cached_njit
 from .mode import IS_PLAIN
 from .records import local, record
+
+target.choose()
 
 __all__ = [
     "COMPILATION",

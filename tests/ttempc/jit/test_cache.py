@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import platform
 import resource
 import subprocess
 import sys
@@ -34,6 +36,13 @@ def caller(x):
     return callee(x) + 100.0
 if __name__ == "__main__":
     print(caller(np.array([1.0, 2.0])), sum(caller.stats.cache_hits.values()))
+"""
+
+CALLER_OF_PACKAGE = """
+import numpy as np
+from field.callee import callee
+if __name__ == "__main__":
+    print(callee(np.array([1.0, 2.0])), sum(callee.stats.cache_hits.values()))
 """
 
 
@@ -102,6 +111,43 @@ def test_a_broken_file_is_compiled_anew(sources, content):
     assert run_caller(sources, NUMBA_CACHE_DIR=cache)[:2] == (101.0, 1)
 
 
+@pytest.fixture
+def package(sources):
+    """A package whose kernel a script calls; its machine code lies in the user's folder."""
+    package = sources / "field"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "constants.py").write_text(CONSTANTS)
+    (package / "callee.py").write_text(CALLEE.replace("from constants", "from .constants"))
+    (sources / "caller.py").write_text(CALLER_OF_PACKAGE)
+    run_caller(sources, NUMBA_CACHE_DIR=sources / "cache")
+    return package
+
+
+def test_a_package_carries_its_kernels(sources, package):
+    """Nothing is compiled or written where the package has the machine code."""
+    (sources / "cache").rename(package / "kernels")
+    assert run_caller(sources, NUMBA_CACHE_DIR=sources / "cache") == (1.0, 1, [])
+    assert not (sources / "cache").exists()
+
+
+def test_a_broken_kernel_of_a_package_is_compiled_and_left_alone(sources, package):
+    (sources / "cache").rename(package / "kernels")
+    (carried,) = (package / "kernels").iterdir()
+    carried.write_bytes(b"torn")
+    assert run_caller(sources, NUMBA_CACHE_DIR=sources / "cache")[:2] == (1.0, 0)
+    assert carried.read_bytes() == b"torn"
+    assert [file.name for file in (sources / "cache").iterdir()] == [carried.name]
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the common level is one of x86-64")
+def test_kernels_are_compiled_for_the_common_level(sources, package):
+    """Another processor's machine code has another name."""
+    common = run_caller(sources, NUMBA_CACHE_DIR=sources / "cache")[1]
+    own = run_caller(sources, NUMBA_CACHE_DIR=sources / "cache", NUMBA_CPU_NAME="x86-64")[1]
+    assert (common, own) == (1, 0)
+
+
 @pytest.mark.parametrize("given", ["/dev/null/x", ""], ids=["NUMBA_CACHE_DIR", "user's folder"])
 def test_without_a_writable_folder_kernels_run_uncached(sources, given):
     """A path below a file can be made by no user, root included."""
@@ -148,3 +194,20 @@ def test_kernels_are_announced_while_a_thread_compiles_the_first_one(caplog):
     compilation.on_end(None)
     compilation.announce()
     assert [line.message[:18] for line in caplog.records if line.args] == ["compiled 1 kernels"]
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_garbage_is_collected_after_the_outermost_kernel_as_before_it(enabled):
+    """A kernel that is compiled within another one does not end the pause."""
+    compilation = Compilation()
+    before = gc.isenabled()
+    try:
+        (gc.enable if enabled else gc.disable)()
+        compilation.on_start(None)
+        compilation.on_start(None)
+        compilation.on_end(None)
+        assert not gc.isenabled()
+        compilation.on_end(None)
+        assert gc.isenabled() is enabled
+    finally:
+        (gc.enable if before else gc.disable)()
