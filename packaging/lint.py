@@ -24,6 +24,8 @@ DISK_CACHE = "ttempc.jit"  # the one place of the control side that touches file
 _SHARED = ("errors", "jit", "layout", "sensors", "suggestion", "types", "vehicle")
 TESTBED_MAY = {f"ttempc.{name}" for name in _SHARED}
 _ALLOWANCES = "# Allowances of `packaging/lint.py`: they may only shrink.\n"
+FILES_OF_STRANGERS = ("mjcf", "testbed", "experiments")  # rooms that read them
+READS_FREELY = ("testbed/foreign_files.py", "experiments/papers/")  # the bounds; own tables
 SHIPPED_MAY_NOT = "experiments.papers"  # the wheel leaves it out
 
 
@@ -116,6 +118,7 @@ def readable_faults() -> dict[str, list[readable.Fault]]:
     shipped = modules(*PROJECT, "packaging")
     tests = modules("tests")
     examples = modules("docs")
+    foreign = [m for m in modules(*FILES_OF_STRANGERS) if not m.path.startswith(READS_FREELY)]
     public = {
         name: length
         for module in shipped
@@ -131,6 +134,7 @@ def readable_faults() -> dict[str, list[readable.Fault]]:
         "long": (readable.long_functions, shipped),
         "wide": (readable.wide_functions, shipped),
         "columns": (readable.literal_columns, shipped),
+        "bare": (readable.bare_reads, foreign),
         "stale": (stale, [*shipped, *examples]),
     }
     faults = {

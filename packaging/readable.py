@@ -59,6 +59,22 @@ class Fault:
         return f"{self.key.partition(':')[0]}:{self.line}: {self.message}"
 
 
+UNBOUNDED = {
+    "open",
+    "os.open",
+    "json.load",
+    "json.loads",
+    "tomllib.load",
+    "tomllib.loads",
+    "pickle.load",
+    "pickle.loads",
+    "np.load",
+    "pd.read_csv",
+    "pd.read_json",
+}
+UNBOUNDED_METHODS = {"read_text", "read_bytes"}
+"""Calls that read or decode a file of any size and kind."""
+
 Rule = Callable[[Module], Iterator[Fault]]
 
 
@@ -175,6 +191,18 @@ def wide_functions(module: Module) -> Iterator[Fault]:
         if arguments > MOST_ARGUMENTS:
             message = f"{function.name} takes {arguments} arguments, at most {MOST_ARGUMENTS}"
             yield Fault(f"{module.path}:{function.name}", function.lineno, message, arguments)
+
+
+def bare_reads(module: Module) -> Iterator[Fault]:
+    """Yield what opens or decodes a file without the bounds of `testbed/foreign_files.py`."""
+    for node in ast.walk(module.tree):
+        if not isinstance(node, ast.Call):
+            continue
+        called = ast.unparse(node.func)
+        last = called.rpartition(".")[2]
+        if called in UNBOUNDED or (last != called and last in UNBOUNDED_METHODS):
+            message = f"{called}: read foreign files by `testbed/foreign_files.py`"
+            yield Fault(module.path, node.lineno, message)
 
 
 def literal_columns(module: Module) -> Iterator[Fault]:

@@ -24,7 +24,10 @@ def atomic_write(file: Path) -> Iterator[BinaryIO]:
     """
     partial = partial_path(file)
     try:
-        with partial.open("wb") as stream:
+        # A partial file that is there already is of a process that was killed. It is removed, not
+        # written: in a stranger's folder it may be a link to any file of the user's.
+        partial.unlink(missing_ok=True)
+        with partial.open("xb") as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from ...testbed.configuration.resources import resource
+from ...testbed.foreign_files import read_bounded
 from ..errors import ExperimentError
 from ..output import refuse_existing, write_file
 from .options import command, json_of, option, out
@@ -107,7 +108,8 @@ def new(arguments: argparse.Namespace) -> int:
     file = Path(f"{name}{suffix}")
     refuse_existing(file)
     named = "".join(part.capitalize() for part in name.split("_"))
-    text = resource("proving_ground.experiments", f"templates/{template}").read_text()
+    shipped = resource("proving_ground.experiments", f"templates/{template}")
+    text = read_bounded(shipped).decode()
     write_file(file, text.replace("NameOfClass", named).replace("NAME", name))
     print(f"{file}\n{drive.format(name=name, named=named)}")
     return 0

@@ -11,6 +11,7 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
+from ...testbed.foreign_files import json_table
 from ..errors import UnreadableFile
 from .table import ForeignFile, Table, check_degrees, degrees_table
 from .text import number_of
@@ -26,13 +27,13 @@ def read_geojson(text: str) -> ForeignFile:
         UnreadableFile: it is no GeoJSON, or not in WGS 84.
     """
     try:
-        content = json.loads(text)
+        content = json_table(text.encode())
         features = list(_geometries(content, ""))
     except ValueError as error:
-        raise UnreadableFile(f"is no JSON: {error}") from None
+        raise UnreadableFile(str(error)) from None
     except RecursionError:
         raise UnreadableFile("is nested too deeply") from None
-    crs = json.dumps(content.get("crs")) if isinstance(content, dict) else "null"
+    crs = json.dumps(content.get("crs"))
     if crs != "null" and not any(name in crs for name in _WGS84):
         raise UnreadableFile(
             f"is GeoJSON in crs {crs[:_SHOWN]}, must be in WGS 84 (longitude, latitude): save it so"

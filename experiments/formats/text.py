@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, ParseError
 import defusedxml.ElementTree
 from defusedxml import DefusedXmlException
 
-from ...testbed.bounded_read import MOST_TEXT_BYTES, read_bounded
+from ...testbed.foreign_files import MOST_TEXT_BYTES, read_bounded
 from ..errors import UnreadableFile
 
 _SIGNATURES: Final = (

@@ -33,7 +33,7 @@ from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import IMPORTED_KEY, NOT_MEASURED_KEY, Event
 from ...testbed.simulation.plant import Plant
 from ...testbed.truth import TRUTH_SIZE, TruthBlock
-from ...testbed.vehicle.vehicle import VEHICLES
+from ...testbed.vehicle.vehicle import vehicle_text
 from ..errors import InvalidScenario, UnreadableFile
 from ..formats.field import FieldSettings
 from ..formats.mapping import FormatMap
@@ -330,7 +330,7 @@ def _write(out: Path, scenario: Scenario, content: _Content) -> None:
     reference = _references(motion, line if content.mission else None)
     attachments = {
         "scenario.toml": dump(scenario),
-        "vehicle.toml": VEHICLES.find(scenario.plant.vehicle.file).read_text(encoding="utf-8"),
+        "vehicle.toml": vehicle_text(scenario.plant.vehicle.file),
         "model.xml": plant.mjcf,
         GROUND_FILE: plant.ground.to_npz(),
     }

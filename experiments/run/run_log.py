@@ -16,7 +16,7 @@ from ...testbed.messages.scenery import Scenery
 from ...testbed.recording.provenance import machine, versions
 from ...testbed.recording.record import Event
 from ...testbed.simulation.loop import Outcome
-from ...testbed.vehicle.vehicle import VEHICLES
+from ...testbed.vehicle.vehicle import vehicle_text
 from ..scenario.scenario import Scenario, dump
 from .assembly import Assembly
 
@@ -71,7 +71,7 @@ def open_log(
         metadata=metadata,
         attachments={
             "scenario.toml": dump(scenario),
-            "vehicle.toml": VEHICLES.find(scenario.plant.vehicle.file).read_text(encoding="utf-8"),
+            "vehicle.toml": vehicle_text(scenario.plant.vehicle.file),
             "model.xml": assembly.plant.mjcf,
             GROUND_FILE: assembly.plant.ground.to_npz(),
         },

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, fields
 from typing import Annotated, Final, Literal
 
@@ -19,6 +18,7 @@ from ttempc.vehicle import OUTSIDE_TUBES, Vehicle
 
 from ...testbed.configuration.config_io import STRICT, validated
 from ...testbed.configuration.resources import ShippedFiles
+from ...testbed.foreign_files import json_table, read_bounded
 from ..errors import InvalidFit
 from .path import AnyPath
 
@@ -165,11 +165,11 @@ def read_tube(name: str) -> TubeFile:
     """
     file = _TUBES.find(name)
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InvalidFit(f"{file}: cannot be read as JSON: {error}") from None
-    if not isinstance(content, Mapping):
-        raise InvalidFit(f"{file}: must be a table")
+        content = json_table(read_bounded(file))
+    except OSError as error:
+        raise InvalidFit(f"{file}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise InvalidFit(f"{file}: {error}") from None
     try:
         tube = validated(TubeFile, content, InvalidFit)
         required = {item.name for item in fields(Vehicle)}

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationE
 
 from ttempc.suggestion import did_you_mean
 
-from ..bounded_read import read_bounded
+from ..foreign_files import read_bounded
 
 STRICT: Final = ConfigDict(
     extra="forbid", allow_inf_nan=False, strict=True, use_attribute_docstrings=True

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ttempc.types import FloatArray
 
-from ..bounded_read import MOST_TEXT_BYTES, read_bounded
 from ..errors import InvalidField, first_line
+from ..foreign_files import MOST_TEXT_BYTES, read_bounded
 
 MOST_POINTS: Final = 20_000_000
 """Largest number of points of a grid: 160 MB, and eight times that while roughness is drawn."""

@@ -23,8 +23,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
-from ..bounded_read import read_bounded
 from ..errors import LogError
+from ..foreign_files import read_bounded
 from ..messages.encoding import LEVELS, message_class, row_fields
 from ..messages.publisher import Topic
 from ..recording.channels import CHANNELS, EVENT_TOPIC, Channel

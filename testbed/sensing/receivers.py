@@ -20,7 +20,6 @@ elsewhere, where trees and walls around each antenna are its own.
 
 import functools
 import math
-import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, Literal, get_args
@@ -30,6 +29,9 @@ import numpy as np
 from ttempc.jit import cached_njit, record
 from ttempc.layout import FLOAT
 from ttempc.types import FloatArray
+
+from ..configuration.config_io import read_toml
+from ..errors import TestbedError
 
 Place = Literal["open-sky", "wood", "street"]
 PLACES: Final[tuple[Place, ...]] = get_args(Place)
@@ -75,7 +77,7 @@ RECEIVER: Final = np.dtype([(field.name, "f8") for field in fields(Receiver)])
 @functools.cache
 def receiver(place: Place) -> Receiver:
     """Return the receivers of a vehicle under an open sky, at the edge of a wood, in a street."""
-    table = tomllib.loads(TABLE.read_text(encoding="utf-8"))
+    table = read_toml(TABLE, TestbedError)
     own = table[place]
     white = own["white_sd_m"]
     correlated = own["sd_m"] ** 2 - white**2

@@ -29,6 +29,7 @@ from ..configuration.config_io import (
 )
 from ..configuration.resources import ShippedFiles
 from ..errors import InvalidPlant
+from ..foreign_files import read_bounded
 
 DEFAULT_VEHICLE: Final = "kayacan2016"
 VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
@@ -209,6 +210,15 @@ def read_vehicle(name: str = DEFAULT_VEHICLE) -> PlantVehicle:
         return validated(PlantVehicle, content, InvalidPlant)
     except InvalidPlant as error:
         raise InvalidPlant(f"{file}: {error}") from None
+
+
+def vehicle_text(name: str) -> str:
+    """Return the text of a vehicle file, as a log keeps it.
+
+    Raises:
+        InvalidPlant: there is no such file.
+    """
+    return read_bounded(VEHICLES.find(name)).decode()
 
 
 @stdlib_dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from ....testbed.foreign_files import read_member
 from ...output import write_file
 from ...run.run_folder import Finished
 from ..figures import draw
@@ -16,7 +17,7 @@ def write_page(finished: Finished) -> Finished:
         files[figure] = finished.folder / f"{figure}.png"
         write_file(files[figure], content)
 
-    resolved = files["scenario"].read_text(encoding="utf-8")
+    resolved = read_member(finished.folder, files["scenario"].name).decode()
     page = render_run_report(
         finished.summary, finished.record, resolved, pictures, description=finished.description
     )

@@ -1,7 +1,6 @@
 """Rows of a sweep as a frame of what a report shows, and estimates over groups of them."""
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +13,7 @@ from ttempc.types import FloatArray
 from ...errors import InvalidRows
 from ...results.statistics import IntervalEstimate, mean, proportion
 from ...results.summary import ACTUATOR_USE, BEYOND, EUCLIDEAN, PARTS
+from ...studies.sweep.folder import Origin, read_origin
 from ...studies.sweep.results import FILE, WORKING_P95, WORKING_SD, frame, rows
 from ...studies.sweep.row import Row
 from ...studies.sweep.study import Axis, DrawnAxis, Study, load_study
@@ -83,7 +83,7 @@ class Sweep:
 
     name: str
     study: Study
-    origin: Mapping[str, Any]  # content of `versions.json` in the folder
+    origin: Origin
     rows: pd.DataFrame
     scales: tuple[Scale, ...]
     controllers: tuple[str, ...]  # in the order of the plan
@@ -93,12 +93,12 @@ class Sweep:
     @property
     def refused(self) -> int:
         """Return the number of runs left out because a scenario or a controller refuses them."""
-        return int(self.origin.get("refused", 0))
+        return self.origin.refused
 
     @property
     def planned(self) -> int:
         """Return the number of runs to drive."""
-        return int(self.origin["runs"]) - self.refused
+        return self.origin.runs - self.refused
 
     @property
     def missing(self) -> int:
@@ -127,8 +127,8 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
         if not needed.is_file():
             raise InvalidRows(f"{folder}: is no folder of a sweep, it has no {needed.name}")
     _, study = load_study(str(folder / "study.toml"))
-    origin = _origin(folder / "versions.json")
-    table = frame(_checked(file, study, origin["runs"]))
+    origin = read_origin(folder, InvalidRows)
+    table = frame(_checked(file, study, origin.runs))
     if not len(table):
         raise InvalidRows(f"{file}: holds no row yet")
     completed = table["status"].eq("completed")
@@ -150,7 +150,7 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
             **{scale.label: places for scale, places in scales},
         }
     )
-    name = str(origin.get("study") or folder.resolve().name.removeprefix("sweep-"))
+    name = origin.study or folder.resolve().name.removeprefix("sweep-")
     tool = table["tracking.all.tool.cross_p95_m"][table["error_cm"].notna()].notna()
     point = "trailer" if not tool.any() else "tool" if tool.all() else "working point"
     shown = tuple(scale for scale, _ in scales)
@@ -268,16 +268,6 @@ def _scale(axis: Axis, label: str, table: pd.DataFrame) -> tuple[Scale, Any]:
     return Scale(label, texts, span["median"].to_numpy(), True, logarithmic, binned=True), bins
 
 
-def _origin(file: Path) -> dict[str, Any]:
-    try:
-        origin = json.loads(file.read_text(encoding="utf-8"))
-        if isinstance(origin["runs"], int) and isinstance(origin["versions"], dict):
-            return origin
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        pass
-    raise InvalidRows(f"{file}: is not what `ttempc sweep` writes")
-
-
 def _checked(file: Path, study: Study, planned: int) -> Iterator[Row]:
     """Yield the shown columns of the rows of a file, each row checked."""
     names = dict.fromkeys(("run", *_TEXTS, *study.names, *_NUMBERS))
@@ -291,7 +281,7 @@ def _checked(file: Path, study: Study, planned: int) -> Iterator[Row]:
                 raise ValueError(f"{wrong[0]} is no number: {row[wrong[0]]!r}")
             known.add(row["run"])
             yield shown
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         line = len(known) + 1
         reason = str(error).partition("\n")[0]
         raise InvalidRows(f"{file}: line {line} is no row of this study: {reason}") from None

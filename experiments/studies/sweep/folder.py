@@ -10,31 +10,38 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Annotated, BinaryIO, Final
+
+import pydantic.dataclasses
+from pydantic import Field
 
 from ....testbed.atomic_write import atomic_write, partial_path
+from ....testbed.configuration.config_io import STRICT, validated
+from ....testbed.foreign_files import json_table, open_member, read_member
 from ....testbed.recording.provenance import code_digest, versions
 from ...errors import SweepRefused, SweepStopped
 from .plan import SweepPlan
 from .results import FILE, rows
 from .row import Row, columns, line
+from .study import MOST_RUNS
 
 _LOCK: Final = ".lock"
 _STUDY: Final = "study.toml"
 _VERSIONS: Final = "versions.json"
+_MOST_DIGITS: Final = 20  # of the number of a process
 
 
-@dataclass(frozen=True, slots=True)
+@pydantic.dataclasses.dataclass(frozen=True, slots=True, config=STRICT)
 class Origin:
     """Provenance of the rows of a folder, besides its study."""
 
     plan: str  # digest of all scenarios and seeds
-    runs: int  # numbers in the plan
+    runs: Annotated[int, Field(ge=0, le=MOST_RUNS)]  # numbers in the plan
     code: str  # digest of the source code
     versions: dict[str, str]
     machine: str
     cpus: int
-    refused: int = 0  # of the numbers, those of refused combinations
+    refused: Annotated[int, Field(ge=0)] = 0  # of the numbers, those of refused combinations
     study: str = ""  # name of its file
 
     @classmethod
@@ -72,9 +79,19 @@ def is_begun(path: Path) -> bool:
     return (path / _STUDY).exists()
 
 
-def read_origin(path: Path) -> Origin:
-    """Return the origin of a folder in which a sweep has been begun."""
-    return Origin(**json.loads((path / _VERSIONS).read_text(encoding="utf-8")))
+def read_origin(path: Path, error: type[Exception] = SweepRefused) -> Origin:
+    """Return the origin of a folder in which a sweep has been begun.
+
+    Raises:
+        Exception: `error` with one line, where the folder has none or it is not as it was written.
+    """
+    where = f"{path / _VERSIONS}: is not what `ttempc sweep` writes"
+    try:
+        return validated(Origin, json_table(read_member(path, _VERSIONS)), error)
+    except OSError as reason:
+        raise error(f"{where}: {reason.strerror}") from None
+    except (ValueError, error) as reason:
+        raise error(f"{where}: {reason}") from None
 
 
 @contextmanager
@@ -92,26 +109,14 @@ def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
             another process has locked it; nothing is changed.
         InvalidStudy: a scenario of the plan is invalid.
     """
-    parts = {partial_path(path / name).name for name in (_VERSIONS, _STUDY)}
-    ours = {_LOCK, _VERSIONS, *parts}  # of a sweep that died at its start
+    _refuse_foreign(path)
     try:
-        if not is_begun(path) and path.exists() and {item.name for item in path.iterdir()} - ours:
-            raise SweepRefused(f"output folder {path}: holds something else, give another")
         path.mkdir(parents=True, exist_ok=True)
-        lock = open(path / _LOCK, "a+")  # noqa: SIM115 - closed below
+        lock = open_member(path, _LOCK, os.O_RDWR | os.O_CREAT)
     except OSError as error:
         raise SweepRefused(f"output folder {path}: cannot be made: {error.strerror}") from None
     with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            holder = (path / _LOCK).read_text(encoding="utf-8") or "unknown"
-            raise SweepRefused(
-                f"output folder {path}: another sweep is at work in it (process {holder})"
-            ) from None
-        lock.truncate(0)
-        lock.write(str(os.getpid()))
-        lock.flush()
+        _take(lock, path)
         digest = plan.extent().digest
         refused = plan.size - plan.run_count
         origin = Origin.here(digest, plan.size, refused, plan.name)
@@ -121,6 +126,46 @@ def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
             _write(path / _VERSIONS, origin.dump())
             _write(path / _STUDY, plan.study.dump())
         yield SweepFolder(path, origin)
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Look at a folder before anything in it is written.
+
+    Raises:
+        SweepRefused: it is no folder of a sweep and not empty, or what it has was not written by
+            one.
+    """
+    try:
+        items = list(path.iterdir()) if path.exists() else []
+    except OSError as error:
+        raise SweepRefused(f"output folder {path}: cannot be read: {error.strerror}") from None
+    for item in items:
+        if item.is_symlink():
+            raise SweepRefused(f"output folder {path}: {item.name} is a link, give another folder")
+    found = {item.name for item in items}
+    if _STUDY in found:
+        read_origin(path)
+        return
+    parts = {partial_path(path / name).name for name in (_VERSIONS, _STUDY)}
+    if found - {_LOCK, _VERSIONS, *parts}:  # a sweep that died at its start leaves these
+        raise SweepRefused(f"output folder {path}: holds something else, give another")
+
+
+def _take(lock: BinaryIO, path: Path) -> None:
+    """Lock a folder by its open file, and write into it which process did.
+
+    Raises:
+        SweepRefused: another process has locked it.
+    """
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        holder = lock.read(_MOST_DIGITS).decode(errors="replace") or "unknown"
+        raise SweepRefused(
+            f"output folder {path}: another sweep is at work in it (process {holder})"
+        ) from None
+    lock.truncate(0)
+    lock.write(str(os.getpid()).encode())
 
 
 def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
@@ -138,7 +183,7 @@ def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
                 f"output folder {path}: was begun with another {name} ({old}, now {now}); "
                 "give another folder"
             )
-    same = (path / _STUDY).read_text(encoding="utf-8") == plan.study.dump()
+    same = read_member(path, _STUDY) == plan.study.dump().encode()
     if same and begun.plan == origin.plan:
         return begun
     origin = replace(origin, versions=begun.versions)

@@ -7,12 +7,12 @@ one incomplete last line, which the next driver removes.
 from __future__ import annotations
 
 import itertools
-import json
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
+from ....testbed.foreign_files import bounded_lines, json_table, open_member
 from ...errors import SweepRefused, SweepStopped
 from .row import FIGURES, Row, line, working_error
 
@@ -47,21 +47,39 @@ class Results:
         self.file = file
         self._done = bytearray(runs)
         try:
-            self._stream = open(file, "ab")  # noqa: SIM115 - closed by __exit__
+            flags = os.O_RDWR | os.O_CREAT | os.O_APPEND
+            self._stream = open_member(file.parent, file.name, flags)
         except OSError as error:
             raise SweepStopped(f"{file}: cannot be written: {error.strerror}") from None
-        whole = 0
-        with open(file, "rb") as lines:
-            for number, text in enumerate(lines, 1):
-                if not text.endswith(b"\n"):
-                    break
-                try:
-                    self._done[json.loads(text)["run"]] = 1
-                except (ValueError, KeyError, TypeError, IndexError, RecursionError):
-                    self._stream.close()
-                    raise SweepRefused(f"{file}: line {number} is no row of this study") from None
-                whole += len(text)
+        try:
+            whole = self._find_done()
+        except SweepRefused:
+            self._stream.close()
+            raise
         self._stream.truncate(whole)
+
+    def _find_done(self) -> int:
+        """Mark the runs that have rows, and return where the last complete line ends.
+
+        Raises:
+            SweepRefused: a line is not a row of this plan.
+        """
+        whole = 0
+        lines = 0
+        try:
+            with open_member(self.file.parent, self.file.name) as stream:
+                for text in bounded_lines(stream):
+                    lines += 1
+                    if not text.endswith(b"\n"):
+                        break
+                    run = json_table(text)["run"]
+                    if type(run) is not int or run not in range(len(self._done)):
+                        raise ValueError(f"run {run!r} of {len(self._done)}")
+                    self._done[run] = 1
+                    whole += len(text)
+        except (ValueError, KeyError):
+            raise SweepRefused(f"{self.file}: line {lines} is no row of this study") from None
+        return whole
 
     @property
     def count(self) -> int:
@@ -101,11 +119,16 @@ class Results:
 
 
 def rows(file: Path) -> Iterator[Row]:
-    """Yield the rows of a file, without an incomplete last line."""
-    with open(file, "rb") as stream:
-        for text in stream:
+    """Yield the rows of a file in the folder of a sweep, without an incomplete last line.
+
+    Raises:
+        OSError: the file cannot be read, or is a link.
+        ValueError: a line is no object of JSON, or too long.
+    """
+    with open_member(file.parent, file.name) as stream:
+        for text in bounded_lines(stream):
             if text.endswith(b"\n"):
-                yield json.loads(text)
+                yield json_table(text)
 
 
 def frame(rows: Iterable[Row]) -> DataFrame:

@@ -14,6 +14,7 @@ from ttempc.reference.reference import ReferenceSample
 from ttempc.types import Command, State
 
 from ....testbed.configuration.resources import resource
+from ....testbed.foreign_files import json_table, read_bounded
 from ....testbed.recording.channels import CORRIDOR, MEASUREMENT, STATE, TOOL
 from ....testbed.recording.provenance import code_digest
 from ....testbed.recording.record import Recorder
@@ -50,7 +51,7 @@ def trial(name: str) -> Scenario:
 
 def frozen_checks() -> dict[str, tuple[float, ...]]:
     """Return the frozen results of `plant_check` by scenario."""
-    content = json.loads((folder() / "plant.json").read_text(encoding="utf-8"))
+    content = json_table(read_bounded(folder() / "plant.json"))
     return {name: tuple(values) for name, values in content.items()}
 
 
@@ -63,7 +64,7 @@ def weights() -> dict[str, float]:
     `reverse`, where checks for a drift are rare and costly, to 8840. Trials without weight
     guard: what counts is what comes home.
     """
-    return json.loads((folder() / "weights.json").read_text(encoding="utf-8"))
+    return json_table(read_bounded(folder() / "weights.json"))
 
 
 def identifier_of(

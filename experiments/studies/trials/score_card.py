@@ -29,8 +29,8 @@ from pydantic.dataclasses import dataclass
 
 from ttempc.types import FloatArray
 
-from ....testbed.bounded_read import read_bounded
 from ....testbed.configuration.config_io import STRICT, validated
+from ....testbed.foreign_files import json_table, read_bounded
 from ...errors import BadOptions, InvalidScoreCard
 from ...output import refuse_existing, write_file
 from ...results.statistics import IntervalEstimate, bootstrap_means, cvar95
@@ -72,7 +72,7 @@ def hidden_draws(file: Path) -> Draws:
         BadOptions: the file cannot be read, or its content is not allowed.
     """
     try:
-        words = file.read_text(encoding="utf-8").split()
+        words = read_bounded(file, _MOST_BYTES).decode().split()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "is no text"
         raise BadOptions(f"--seeds-file {file}: cannot be read: {reason}") from None
@@ -328,9 +328,7 @@ def read_score_card(file: Path) -> ScoreCard:
         InvalidScoreCard: the file cannot be read, is no score card, or its score is another one.
     """
     try:
-        content = json.loads(read_bounded(file, _MOST_BYTES))
-        if not isinstance(content, dict):
-            raise InvalidScoreCard("must be an object")
+        content = json_table(read_bounded(file, _MOST_BYTES))
         card = validated(ScoreCard, content, InvalidScoreCard)
     except OSError as error:
         raise InvalidScoreCard(f"{file}: cannot be read: {error.strerror or error}") from None

@@ -172,6 +172,43 @@ def test_another_study_other_versions_and_foreign_folders_are_refused(tmp_path):
     assert [item.name for item in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 
+@pytest.mark.parametrize("name", [".lock", "results.jsonl", "versions.json.part", "logs"])
+def test_links_in_a_folder_are_refused_and_what_they_name_is_unchanged(name, tmp_path):
+    """The folder of a stranger may lead to any file of the user's."""
+    plan = plan_of(tmp_path, SHORT)
+    swept(plan, tmp_path / "out")
+    victim = tmp_path / "victim.txt"
+    victim.write_text("mine")
+    link = tmp_path / "out" / name
+    if link.is_dir():
+        link.rmdir()
+    link.unlink(missing_ok=True)
+    link.symlink_to(victim)
+    with pytest.raises(SweepRefused, match=f"{name} is a link"):
+        swept(plan, tmp_path / "out")
+    assert victim.read_text() == "mine"
+
+
+@pytest.mark.parametrize("content", ["[]", "null", "[1", '{"a": 1}', "[" * 10**5, '{"runs": -1}'])
+def test_malformed_versions_are_refused_in_one_line(content, tmp_path):
+    plan = plan_of(tmp_path, SHORT)
+    swept(plan, tmp_path / "out")
+    (tmp_path / "out" / "versions.json").write_text(content)
+    with pytest.raises(SweepRefused, match=r"versions\.json: is not what") as refusal:
+        swept(plan, tmp_path / "out")
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("run", ["-1", "true", "1", "0.0", '"0"', "1e999"])
+def test_a_row_of_no_run_of_the_plan_is_refused(run, tmp_path):
+    """The plan has one run, number 0."""
+    plan = plan_of(tmp_path, SHORT)
+    swept(plan, tmp_path / "out")
+    (tmp_path / "out" / "results.jsonl").write_text(f'{{"run": {run}}}\n')
+    with pytest.raises(SweepRefused, match="line 1 is no row of this study"):
+        swept(plan, tmp_path / "out")
+
+
 def test_a_worker_with_other_code_ends_the_sweep(tmp_path):
     plan = plan_of(tmp_path, SHORT)
     with pytest.raises(SweepStopped, match="a worker has other code than the driver"):
