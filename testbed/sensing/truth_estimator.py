@@ -41,9 +41,10 @@ class TruthEstimator(Estimator):
         drive    ((v(k+1) - a v(k)) / (1 - a) - K hp) / tau,   a = exp(-T / tau)
 
     They are averaged over the last `MEMORY_M` metres, and at least `MEMORY_S` seconds: a controller
-    can compensate the part that persists, not the oscillation of a wheel on the next bump. The speed is, for the same reason,
-    the wheel speed less the mean slip. Nothing is counted as fixed in the map: filters
-    that split the slips gained up to 0.2 cm on `side-slope` and nothing on `wet-slope`.
+    can compensate the part that persists, not the oscillation of a wheel on the next bump. The
+    speed is, for the same reason, the wheel speed less the mean slip. Nothing is counted as fixed
+    in the map: filters that split the slips gained up to 0.2 cm on `side-slope` and nothing on
+    `wet-slope`.
 
     Args:
         truth: returns the plant's present state.

@@ -28,7 +28,9 @@ class LqrOptions:
 
     The hydrostat's steps weigh more than in the MPC. With a weight of 0.02 the LQR, which has no
     bounds, runs into the rates of the valves from an offset of some decimetres and cycles there by
-    metres. Those of both steerings grow with the speed as in the MPC, see `steering_step_factors`. The weights are the best of 33 sets on the benchmark's trials, on tuning seeds.
+    metres. Those of both steerings grow with the speed as in the MPC, see
+    `steering_step_factors`. The weights are the best of 33 sets on the benchmark's trials, on
+    tuning seeds.
     """
 
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 2.5)  # [1/m^2]

@@ -149,8 +149,9 @@ class ProcessNoise:
     Values are maximum-likelihood estimates from the innovations of one recorded run each on
     `pavement`, `grass`, `wet-grass`, `side-slope`, `wet-slope` and `patchy`, but for those marked
     as assumed, for the valves, and for `slip_walk`, `side_walk` and `drive_walk`, the likeliest of
-    four combinations tried on five fields. The walks of the persistent side slips grow with the roughness: with that,
-    the innovations of even fields and of slopes are both more likely than with fixed ones.
+    four combinations tried on five fields. The walks of the persistent side slips grow with the
+    roughness: with that, the innovations of even fields and of slopes are both more likely than
+    with fixed ones.
 
     Raises:
         InvalidTuning: a value is not finite or not above 0.

@@ -1,4 +1,4 @@
-"""Weights of the steering over speed: continuous, as given at 1 m/s, and a loop that bears delay."""
+"""Weights of the steering over speed: continuous, as given at 1 m/s, and borne delays."""
 
 from __future__ import annotations
 
