@@ -17,9 +17,17 @@ MAX_DEAD_TIME_S: Final = 2.0
 """Longest dead time of an actuator [s]: ten control periods."""
 
 OUTSIDE_TUBES: Final = frozenset(
-    {"trailer_turning_offset", "tool_behind", "axle_height_t", "axle_height_i"}
+    {
+        "trailer_turning_offset",
+        "tool_behind",
+        "axle_height_t",
+        "axle_height_i",
+        "compliance_t",
+        "compliance_i",
+    }
 )
-"""Fields of `Vehicle` on which no tube depends: those of a tool, and of the estimator alone."""
+"""Fields of `Vehicle` on which no tube depends: those of a tool, of the estimator alone, and of a
+preview."""
 
 _AT_LIMIT: Final = 1e-9  # [rad] or fraction: distance within which a command is at a limit
 

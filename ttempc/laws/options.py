@@ -25,13 +25,9 @@ def motion_ratio(vehicle: Vehicle, speed_mps: float) -> FloatArray:
 
 
 def speed_factor(vehicle: Vehicle, speed_mps: float) -> float:
-    """Return by how much steps of both steerings weigh more at a speed: its square above 1 m/s.
+    """Return the square of a speed above 1 m/s, by which a steering weighs more.
 
-    Steering moves a body across its path in proportion to the speed. With a cost q y^2 + r u'^2 and
-    y' = g u the crossover of the loop is (q g^2 / r)^(1/4), which r in proportion to g^2 keeps.
-    Without, it grows with the speed, and the lags that the model leaves out do not shrink: tyres,
-    dead times, the filter. In reverse, where the bodies fold by themselves, a slower loop would not
-    hold them: 1.
+    In reverse, where the bodies fold by themselves, a slower loop would not hold them: 1.
     """
     if vehicle.reverse:
         return 1.0
@@ -41,13 +37,18 @@ def speed_factor(vehicle: Vehicle, speed_mps: float) -> float:
 def steering_step_factors(vehicle: Vehicle, speed_mps: float) -> tuple[float, float]:
     """Return the factors of the step weights of front and trailer steering at a speed.
 
-    Beside `speed_factor` the front steering weighs more by the square root of the lateral
-    acceleration that it causes, from that of the paper's vehicle at 1 m/s on. Its crossover,
-    (q / r)^(1/6) (v^2 / L_t)^(1/3) with y'' = v^2 / L_t u, still grows, with the speed to 1/6.
+    Steering moves a body across its path in proportion to the speed. With a cost q y^2 + r u'^2 and
+    y' = g u the crossover of a loop is (q g^2 / r)^(1/4), with y'' = g u it is (q g^2 / r)^(1/6).
+    With the same weights it grows with the speed, while the lags that the model leaves out do not
+    shrink: tyres, dead times, the filter. The front steering, g = v^2 / L_t, has `speed_factor` and
+    the square root of its lateral acceleration, from that of the paper's vehicle at 1 m/s on: the
+    crossover grows with the speed to 1/6. The trailer's, g in proportion to v, has the root of
+    `speed_factor`: the crossover grows with the speed to 1/4. With constant crossovers the errors
+    at 4 m/s are larger by a tenth.
     """
     lateral = float(motion_ratio(vehicle, speed_mps)[Input.DELTA_T])
     factor = speed_factor(vehicle, speed_mps)
-    return factor * math.sqrt(max(lateral, 1.0)), factor
+    return factor * math.sqrt(max(lateral, 1.0)), math.sqrt(factor)
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,11 @@ _COMPLIANCE: Final = 0
 _REST: Final = 1
 _WINDOW: Final = 3  # estimates over which a motion shows a slip
 
-_PRIOR_SHARE: Final = 0.5  # standard deviation of a given compliance over its size; assumed
+_PRIOR_SD: Final = 0.01  # standard deviation of a given compliance [rad s^2/m]; assumed
 _REST_SD: Final = 0.02  # of the rest of the slip [rad]; assumed
-# Of the slip that the motion of the estimate shows in a tick [rad], with its correlation from tick
-# to tick; and the random walk of the rest in a tick: ground and slopes
-_SHOWN_SD: Final = 0.03
+# Of the slip that the motion of the estimate shows in a tick [rad]: on a tuning seed 0.011, with a
+# correlation of 0.41 from tick to tick; and of the change of the rest in a tick, assumed
+_SHOWN_SD: Final = 0.017
 _REST_WALK: Final = 0.0005
 # The filter explains a part of an unexpected slip by heading and steering: the share of it that the
 # motion of its estimate shows. With a wrong share the compliance is found as well, only slower
@@ -76,7 +76,7 @@ class CurveSlip:
         self._mean = np.zeros((_BODIES, _UNKNOWN))  # of c [rad s^2/m] and b [rad]
         self._mean[:, _COMPLIANCE] = given
         self._covariance = np.zeros((_BODIES, _UNKNOWN, _UNKNOWN))
-        self._covariance[:, _COMPLIANCE, _COMPLIANCE] = (_PRIOR_SHARE * given) ** 2
+        self._covariance[:, _COMPLIANCE, _COMPLIANCE] = _PRIOR_SD**2
         self._covariance[:, _REST, _REST] = _REST_SD**2
         self.exchange(vehicle, lead_s)
 
