@@ -17,9 +17,17 @@ MAX_DEAD_TIME_S: Final = 2.0
 """Longest dead time of an actuator [s]: ten control periods."""
 
 OUTSIDE_TUBES: Final = frozenset(
-    {"trailer_turning_offset", "tool_behind", "axle_height_t", "axle_height_i"}
+    {
+        "trailer_turning_offset",
+        "tool_behind",
+        "axle_height_t",
+        "axle_height_i",
+        "compliance_t",
+        "compliance_i",
+    }
 )
-"""Fields of `Vehicle` on which no tube depends: those of a tool, and of the estimator alone."""
+"""Fields of `Vehicle` on which no tube depends: those of a tool, of the estimator alone, and of a
+preview."""
 
 _AT_LIMIT: Final = 1e-9  # [rad] or fraction: distance within which a command is at a limit
 
@@ -37,6 +45,7 @@ _NOT_NEGATIVE: Final = _Range(lambda value: 0.0 <= value < math.inf, "finite and
 _DEAD_TIME: Final = _Range(
     lambda value: 0.0 <= value <= MAX_DEAD_TIME_S, f"from 0 to {MAX_DEAD_TIME_S} s"
 )
+_COMPLIANCE: Final = _Range(lambda value: 0.0 <= value <= 0.1, "from 0 to 0.1 rad s^2/m")
 # Ranges of the fields of `Vehicle` that are not just `_POSITIVE`.
 _RANGES: Final = {
     "hitch_offset": _Range(math.isfinite, "finite"),
@@ -55,6 +64,8 @@ _RANGES: Final = {
     "tool_behind": _NOT_NEGATIVE,
     "axle_height_t": _NOT_NEGATIVE,
     "axle_height_i": _NOT_NEGATIVE,
+    "compliance_t": _COMPLIANCE,
+    "compliance_i": _COMPLIANCE,
 }
 
 
@@ -100,6 +111,10 @@ class Vehicle:
     # 0: roll does not move the point
     axle_height_t: float = 0.4
     axle_height_i: float = 0.3
+    # Side slip of an axle by the lateral acceleration of its body [rad s^2/m]: mass on the axle
+    # over the cornering stiffness of its tyres; 0: not known
+    compliance_t: float = 0.0  # rear axle of the tractor
+    compliance_i: float = 0.0  # trailer axle
     reverse: bool = False  # gear: hydrostat positions -1..0 in reverse, else 0..1 as in the paper
 
     def __post_init__(self) -> None:

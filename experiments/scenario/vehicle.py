@@ -30,7 +30,12 @@ from ...testbed.configuration.config_io import (
     validated,
 )
 from ...testbed.errors import InvalidPlant
-from ...testbed.vehicle.vehicle import DEFAULT_VEHICLE, PlantVehicle, read_vehicle
+from ...testbed.vehicle.vehicle import (
+    DEFAULT_VEHICLE,
+    Compliance,
+    PlantVehicle,
+    read_vehicle,
+)
 
 
 class Parameter(NamedTuple):
@@ -55,6 +60,8 @@ PARAMETERS: Final[Mapping[str, Parameter]] = {
     "load_kg": Parameter("load", "mass_kg"),
     "load_height_m": Parameter("load", "height_m"),
     "load_forward_m": Parameter("load", "forward_m"),
+    "tractor_compliance_s2pm": Parameter("tractor", "compliance_s2pm", "compliance_t"),
+    "trailer_compliance_s2pm": Parameter("trailer", "compliance_s2pm", "compliance_i"),
     "speed_gain_mps": Parameter("hydrostat", "speed_gain_mps", "speed_gain"),
     "speed_time_constant_s": Parameter("hydrostat", "time_constant_s", "speed_time_constant"),
     "hp_rate_per_s": Parameter("hydrostat", "rate_per_s", "hp_rate"),
@@ -137,6 +144,10 @@ class ModelVehicleSettings:
     """Tractor's axle point above the ground about which the tractor rolls, for the IMU's roll."""
     trailer_axle_height_m: NotNegative | None = None
     """The same of the trailer; a tool in the soil makes it 0."""
+    tractor_compliance_s2pm: Compliance | None = None
+    """Side slip of the rear axle by the lateral acceleration [rad s^2/m]; 0: not known."""
+    trailer_compliance_s2pm: Compliance | None = None
+    """The same of the trailer axle."""
     speed_gain_mps: SpeedMps | None = None
     """Steady speed at hydrostat position 1, K."""
     speed_time_constant_s: DurationS | None = None

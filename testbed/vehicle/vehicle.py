@@ -39,6 +39,7 @@ GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
 _LEAST_SHARE: Final = 0.05  # of the tractor's weight on each axle; it must steer and drive
 _WIDEST_KNUCKLE_DEG: Final = 65.0  # beyond it the quartic of MuJoCo's coupling does not fit
 
+Compliance = Annotated[float, Field(ge=0.0, le=0.1)]
 InertiaKgm2 = tuple[Positive, Positive, Positive]
 
 
@@ -53,6 +54,9 @@ class Tractor:
     centre_forward_m: PlaceM  # centre of mass ahead of the rear axle
     centre_height_m: Positive
     chassis_inertia_kgm2: InertiaKgm2 | None = None  # about x, y, z; absent: from the shapes
+    # Of the controller's model alone: side slip of the rear axle by the lateral acceleration
+    # [rad s^2/m], see `ttempc.vehicle.Vehicle`
+    compliance_s2pm: Compliance = 0.015
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -108,6 +112,7 @@ class Trailer:
     centre_forward_m: PlaceM  # centre of mass ahead of the axle
     centre_height_m: Positive
     chassis_inertia_kgm2: InertiaKgm2 | None = None  # about x, y, z; absent: from the shapes
+    compliance_s2pm: Compliance = 0.03  # as of the tractor, of the trailer axle
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import check_choice, check_positive, check_vector
+from ..laws.options import steering_step_factors
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..models.linear import riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
@@ -27,7 +28,9 @@ class LqrOptions:
 
     The hydrostat's steps weigh more than in the MPC. With a weight of 0.02 the LQR, which has no
     bounds, runs into the rates of the valves from an offset of some decimetres and cycles there by
-    metres. The weights are the best of 33 sets on the benchmark's trials, on tuning seeds.
+    metres. Those of both steerings grow with the speed as in the MPC, see
+    `steering_step_factors`. The weights are the best of 33 sets on the benchmark's trials, on
+    tuning seeds.
     """
 
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 2.5)  # [1/m^2]
@@ -87,6 +90,7 @@ class LqrFeedback(FeedbackLaw):
         steps = np.array(options.step_weight)
         largest = course.vehicle.input_rate[: Input.HP] * course.period_s
         steps[: Input.HP] *= 1.0 + (math.radians(options.swing_deg) / largest) ** 2
+        steps[: Input.HP] *= steering_step_factors(course.vehicle, course.reference.speed.top_speed)
         if course.vehicle.reverse:
             steps[: Input.HP] *= options.reverse_factor
         self._gains = step_gains(a, b, c, np.array(options.output_weight), steps)  # (N, 3, 19)

@@ -10,6 +10,7 @@ from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
 from ..laws.tracking_controller import TrackingController
 from ..layout import ESTIMATE, estimate_row, innovation_rows, measurements_of
+from ..learning.curve_slip import CurveSlip
 from ..learning.field import FieldMap
 from ..learning.learner import Identifier, Learner
 from ..learning.window import RecordedTick
@@ -148,22 +149,30 @@ class Pipeline:
         if settings.learn_field is not False:
             earlier = None if settings.learn_field is True else settings.learn_field
             self.field = FieldMap(recipe.reference, recipe.period_s, lead_s(vehicle), earlier)
-            self._show_field_to_the_law()
+        self.curve_slip: CurveSlip | None = None
+        if vehicle.compliance_t or vehicle.compliance_i:
+            self.curve_slip = CurveSlip(recipe.reference, recipe.period_s, lead_s(vehicle))
+        self._show_changes_to_the_law()
 
-    def _show_field_to_the_law(self) -> None:
-        """Let a law of the library plan with the map of disturbances."""
+    @property
+    def _expected(self) -> list[FieldMap | CurveSlip]:
+        """Sources of changes of disturbances that are known beforehand."""
+        return [source for source in (self.field, self.curve_slip) if source is not None]
+
+    def _show_changes_to_the_law(self) -> None:
+        """Let a law of the library plan with the disturbances that are expected."""
         inner = self.controller
         if isinstance(inner, DeadTimeCompensation):
             inner = inner.controller
         if isinstance(inner, TrackingController):
-            inner.feedback.field = self.field
+            inner.feedback.expected = self._expected
 
     def warm_up(self) -> None:
         """Compile or load what the parts need; changes no later result."""
         self.estimator.warm_up()
         self.controller.warm_up()
-        if self.field is not None:
-            self.field.warm_up()
+        for source in self._expected:
+            source.warm_up()
 
     def observe(
         self, now: float, rows: FloatArray, sent: FloatArray, tick: int, reference_tick: int
@@ -177,7 +186,7 @@ class Pipeline:
         """
         estimator = self.estimator
         if type(estimator) is ExtendedKalmanFilter:  # one that derives from it has an own `update`
-            change = NO_CHANGE if self.field is None else self.field.change(reference_tick)
+            change = sum((source.change(reference_tick) for source in self._expected), NO_CHANGE)
             return *estimator.observe(now, rows, sent, change), None
 
         command = Command(*sent.tolist()) if tick else None
@@ -201,8 +210,8 @@ class Pipeline:
         """Hand a tick to the learners of the vehicle and of the field; a fault teaches nothing."""
         if is_faulty:
             self.learner.forget()
-        if self.field is not None:
-            self.field.observe(reference_tick, estimate, not is_faulty)
+        for source in self._expected:
+            source.observe(reference_tick, estimate, not is_faulty)
         state = estimate.view(ESTIMATE)[0]["state"]
         headings = (float(state[State.PSI_T]), float(state[State.PSI_I]))
         self.learner.record(tick, now, rows, sent, *headings)
@@ -236,6 +245,7 @@ class Pipeline:
             self.controller = new.controller
             self.reference = new.reference
         self.vehicle = learnt.vehicle
-        if self.field is not None:
-            self.field.exchange(self.vehicle, lead_s(self.vehicle))
+        for source in self._expected:
+            source.exchange(self.vehicle, lead_s(self.vehicle))
+        self._show_changes_to_the_law()
         return new, tuple(notes)

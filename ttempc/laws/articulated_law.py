@@ -243,7 +243,6 @@ class ArticulatedLaw(FeedbackLaw):
             for name in ("last_signal", "product", "power", "feedback"):
                 mine[name] = other[name]
             self.mpc.work.acquiring[:] = previous.mpc.work.acquiring
-            self.field = previous.field
 
     def act(self, k: int, row: FloatArray, view: View, sent: FloatArray, tick: FloatArray) -> None:
         self._last = (row, sent)
@@ -292,12 +291,13 @@ class ArticulatedLaw(FeedbackLaw):
     ) -> int:
         stages = self.mpc.horizon.stages
         estimate, sent = self._last
-        if self.field is not None:  # -E (s(k + j) - s(k)), see `error_dynamics`
+        if self.expected:  # -E (s(k + j) - s(k)), see `error_dynamics`
             reference_tick = row_of_tables + self._table_offset
-            ahead = self.field.ahead(reference_tick, len(work.preview))[..., None]
-            rows = slice(row_of_tables, row_of_tables + len(ahead))
+            count = len(work.preview)
+            ahead = sum(source.ahead(reference_tick, count) for source in self.expected)
+            rows = slice(row_of_tables, row_of_tables + count)
             by_slips = stages.a[rows, :, STATES : STATES + MAPPED]
-            work.preview[:] = (by_slips @ ahead)[..., 0]
+            work.preview[:] = (by_slips @ np.asarray(ahead)[..., None])[..., 0]
         return try_in_closed_form(
             row_of_tables, estimate, sent, self.law, stages, work, memory, tick
         )

@@ -10,12 +10,45 @@ from ..errors import check_choice, check_flag, check_positive, check_vector
 from ..mpc.lmpc import HorizonTuning
 from ..reference.corridor import SpeedTube
 from ..reference.reference import GUIDED, Guided
-from ..types import Input
+from ..types import FloatArray, Input
 from ..vehicle import Vehicle
 
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
+_WEIGHTS_MPS: Final = 1.0  # speed for which they are given, the paper's
 ROUNDING: Final = 1e-9
 _PUSHING_FACTOR: Final = 6.0  # 4 and 10 give the same errors over 30 m, 1 lets the trailer swing
+
+
+def motion_ratio(vehicle: Vehicle, speed_mps: float) -> FloatArray:
+    """Return the motion by a unit of each input over that of the paper's vehicle at 1 m/s, (3,)."""
+    return vehicle.motion_per_input(speed_mps) / Vehicle().motion_per_input(_WEIGHTS_MPS)
+
+
+def speed_factor(vehicle: Vehicle, speed_mps: float) -> float:
+    """Return the square of a speed above 1 m/s, by which a steering weighs more.
+
+    In reverse, where the bodies fold by themselves, a slower loop would not hold them: 1.
+    """
+    if vehicle.reverse:
+        return 1.0
+    return max(speed_mps / _WEIGHTS_MPS, 1.0) ** 2
+
+
+def steering_step_factors(vehicle: Vehicle, speed_mps: float) -> tuple[float, float]:
+    """Return the factors of the step weights of front and trailer steering at a speed.
+
+    Steering moves a body across its path in proportion to the speed. With a cost q y^2 + r u'^2 and
+    y' = g u the crossover of a loop is (q g^2 / r)^(1/4), with y'' = g u it is (q g^2 / r)^(1/6).
+    With the same weights it grows with the speed, while the lags that the model leaves out do not
+    shrink: tyres, dead times, the filter. The front steering, g = v^2 / L_t, has `speed_factor` and
+    the square root of its lateral acceleration, from that of the paper's vehicle at 1 m/s on: the
+    crossover grows with the speed to 1/6. The trailer's, g in proportion to v, has the root of
+    `speed_factor`: the crossover grows with the speed to 1/4. With constant crossovers the errors
+    at 4 m/s are larger by a tenth.
+    """
+    lateral = float(motion_ratio(vehicle, speed_mps)[Input.DELTA_T])
+    factor = speed_factor(vehicle, speed_mps)
+    return factor * math.sqrt(max(lateral, 1.0)), math.sqrt(factor)
 
 
 @dataclass(frozen=True)
@@ -58,15 +91,13 @@ class MpcOptions(HorizonTuning):
         - A step of the hydrostat has the cost of the same change of acceleration
           (`Vehicle.motion_per_input`): a drive of three times the gain cycles at the limit of its
           rate otherwise.
-        - The weight of the front steering grows with the square root of the lateral acceleration
-          that it causes, from that of the paper's vehicle at 1 m/s on. With its square the error
-          of the farm machine at 3.3 m/s grows by half, with none the loop has little margin there.
+        - The weights of both steerings grow with the speed, see `steering_step_factors`.
         - In reverse with a plain trailer, which the front steering alone keeps from folding, a step
           of it weighs six times as much, as in `lqr`: without it the bodies swing.
         """
         steps = _PERIOD_S / period_s
-        ratio = vehicle.motion_per_input(speed_mps) / Vehicle().motion_per_input(1.0)
-        lateral, _, drive = ratio.tolist()
+        drive = motion_ratio(vehicle, speed_mps)[Input.HP]
+        of_front, of_trailer = steering_step_factors(vehicle, speed_mps)
         front, trailer, hp = (steps**2 * weight for weight in self.step_weight)
         if vehicle.reverse and vehicle.is_plain:
             front *= _PUSHING_FACTOR
@@ -74,7 +105,7 @@ class MpcOptions(HorizonTuning):
             self,
             horizon=math.ceil(steps * self.horizon - ROUNDING),
             moves=math.ceil(steps * self.moves - ROUNDING),
-            step_weight=(front * math.sqrt(max(lateral, 1.0)), trailer, drive**2 * hp),
+            step_weight=(of_front * front, of_trailer * trailer, float(drive**2) * hp),
         )
 
 
@@ -148,9 +179,9 @@ class ArticulatedOptions(NominalOptions):
 
         A robust action has the cost of the same motion, and none less than the one given. With a
         fixed cost the loop's gain grows with the speed, and above 3 m/s the lags that the kinematic
-        model leaves out make steering and drawbar oscillate.
+        model leaves out make steering and drawbar oscillate. See also `RobustAction`.
         """
-        ratio = vehicle.motion_per_input(speed_mps) / Vehicle().motion_per_input(1.0)
+        ratio = motion_ratio(vehicle, speed_mps)
         weights = np.array(self.input_weight) * np.maximum(ratio, 1.0) ** 2
         front, trailer, hp = weights.tolist()
         options = super().for_vehicle(vehicle, speed_mps, period_s)

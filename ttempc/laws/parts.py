@@ -26,7 +26,7 @@ from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows
 from ..types import FloatArray, Input, State
 from ..vehicle import Vehicle
-from .options import ROUNDING
+from .options import ROUNDING, speed_factor
 from .tracking_controller import ExactCourse
 
 # Time after which a plan can move a point across its path: the steering's lag, and its first effect
@@ -165,7 +165,11 @@ class CutInReverse:
 
 @dataclass(frozen=True, slots=True)
 class RobustAction:
-    """Saturated action on the autocorrelated part of the residual, see `robust_gains`."""
+    """Saturated action on the autocorrelated part of the residual, see `robust_gains`.
+
+    The residual is that of a single step, in which at speed the lags of tyres and dead times come
+    first: the gains on both steerings fade by the square of `speed_factor`, to 1/16 at 2 m/s.
+    """
 
     saturation: tuple[float, float, float]
     input_weight: tuple[float, float, float]
@@ -175,6 +179,8 @@ class RobustAction:
     def fields(self, model: ErrorModel) -> dict[str, FloatArray | float]:
         """Return saturation, gains in units of it, and the factor of forgetting."""
         gains = robust_gains(model.a, model.b, model.c, self.input_weight)
+        top_speed = model.reference.speed.top_speed
+        gains[:, : Input.HP] /= speed_factor(model.vehicle, top_speed) ** 2
         saturation = np.array(self.saturation)
         return {
             "saturation": saturation,

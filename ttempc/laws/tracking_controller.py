@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -25,8 +25,14 @@ from ..types import (
 )
 from ..vehicle import CommandLimits, Vehicle
 
-if TYPE_CHECKING:
-    from ..learning.field import FieldMap
+
+class DisturbanceAhead(Protocol):
+    """Changes of the mapped disturbances that are expected."""
+
+    def ahead(self, k: int, count: int) -> FloatArray:
+        """Return the changes from tick k to ticks k, k + 1, ... k + count - 1, (count, 3) [rad]."""
+        ...
+
 
 View = Callable[[], Estimate]
 """Makes the view of the record `ESTIMATE` of a tick."""
@@ -60,7 +66,7 @@ class FeedbackLaw:
         write_told(told, tick)
         return told
 
-    field: FieldMap | None = None  # of disturbances by place, whose changes a plan may foresee
+    expected: Sequence[DisturbanceAhead] = ()  # changes of disturbances that a plan may foresee
     report: SolverReport | None = None  # of the last QP that a solver answered, where `act` is None
 
     def predicted_path(self, k: int) -> FloatArray | None:
