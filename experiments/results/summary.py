@@ -28,6 +28,7 @@ from ...testbed.recording.channels import (
     TYRES,
 )
 from ...testbed.recording.record import LEARNT, Record
+from .passes import pass_spreads, peaks
 from .tracking_errors import (
     BODIES,
     BodyError,
@@ -102,7 +103,35 @@ class TrackingStatistics:
 
     straight: BodyStatistics
     curve: BodyStatistics
+    passes: BodyStatistics  # on passes, and the last 5 m of the turns before them
     all: BodyStatistics
+
+
+@dataclass(frozen=True, slots=True)
+class PassSpread:
+    """Standard deviation of the cross-track error of one point on a pass, median over passes."""
+
+    cross_sd_m: float | None  # of the true error
+    seen_cross_sd_m: float | None  # of the error by the machine's own receivers and filter
+
+
+@dataclass(frozen=True, slots=True)
+class PassStatistics:
+    """Standard deviations on the passes, as a guided machine in the field reports them."""
+
+    count: int  # passes with errors that count
+    tractor: PassSpread
+    trailer: PassSpread
+    tool: PassSpread | None = None  # None if the run has no implement
+
+
+@dataclass(frozen=True, slots=True)
+class PeakStatistics:
+    """Largest absolute cross-track errors where the curvature changes, means over the changes."""
+
+    tractor_m: float | None
+    trailer_m: float | None
+    tool_m: float | None = None  # None if the run has no implement, or where it is always raised
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,6 +339,8 @@ class Summary(RunFacts):
 
     duration_s: float
     tracking: TrackingStatistics
+    passes: PassStatistics
+    peaks: PeakStatistics
     estimation: EstimationStatistics
     timing: TimingStatistics
     solver: SolverStatistics | None  # None if the controller solves no QP
@@ -337,6 +368,8 @@ def summarise(record: Record, facts: RunFacts, wall_s: float | None = None) -> S
         **asdict(facts),
         duration_s=duration_s,
         tracking=tracking_statistics(errors),
+        passes=pass_statistics(record),
+        peaks=peak_statistics(record, errors),
         estimation=_estimation(record),
         timing=_timing(record, duration_s, wall_s),
         solver=solver_statistics(record),
@@ -369,7 +402,28 @@ def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
 
     counts = errors.counted
     curved = errors.curved
-    return TrackingStatistics(over(counts & ~curved), over(counts & curved), over(counts))
+    return TrackingStatistics(
+        straight=over(counts & ~curved),
+        curve=over(counts & curved),
+        passes=over(counts & errors.on_pass),
+        all=over(counts),
+    )
+
+
+def pass_statistics(record: Record) -> PassStatistics:
+    """Return the standard deviations on the passes of a run."""
+    count, spreads = pass_spreads(record)
+
+    def medians(true_m: FloatArray, seen_m: FloatArray) -> PassSpread:
+        return PassSpread(_percentile(true_m, 50.0), _percentile(seen_m, 50.0))
+
+    return PassStatistics(count, **{point: medians(*both) for point, both in spreads.items()})
+
+
+def peak_statistics(record: Record, errors: TrackingErrors) -> PeakStatistics:
+    """Return the peaks of the errors where the curvature changes."""
+    found = peaks(record, errors)
+    return PeakStatistics(**{f"{point}_m": _mean(largest) for point, largest in found.items()})
 
 
 def input_statistics(record: Record) -> InputsStatistics:

@@ -13,16 +13,12 @@ from ttempc.types import FloatArray
 from ...testbed.recording.channels import REFERENCE, STATE, TOOL, TUBE, Channel, in_frame
 from ...testbed.recording.record import REACTION, REACTION_ENDED, Record
 from ...testbed.simulation.termination import TerminationLimits
+from .stretches import LEAD_M, is_curved, passes
 
 START_UP_S: Final = 8.0
 """Time from standstill that statistics and figures leave out."""
 
 BODIES: Final = {"tractor": "t", "trailer": "i"}  # body: the paper's letter in the field names
-
-# A reference counts as curved from 1 % of its largest curvature on: the blends between line and
-# arc then count as curve, and rounding errors on a line do not.
-_CURVED_FRACTION: Final = 0.01
-_STRAIGHT_PER_M: Final = 1e-6  # a path whose largest curvature is below this is a straight line
 
 
 QUANTITIES: Final = tuple(
@@ -59,6 +55,7 @@ class TrackingErrors:
     time_s: FloatArray  # (n,)
     curved: NDArray[np.bool_]  # (n,) by the reference's curvature at the tractor point
     counted: NDArray[np.bool_]  # (n,) see `counted`
+    on_pass: NDArray[np.bool_]  # (n,) on a pass, or in the last 5 m of the turn before it
     tractor: BodyError
     trailer: BodyError
     tool: BodyError | None = None  # of an implement's tool point, NaN while it is not lowered
@@ -73,7 +70,8 @@ class TrackingErrors:
         """Return the errors up to a time."""
         rows = self.time_s <= end_s
         points = {name: error.at(rows) for name, error in self.by_point.items()}
-        return TrackingErrors(self.time_s[rows], self.curved[rows], self.counted[rows], **points)
+        masks = (self.curved[rows], self.counted[rows], self.on_pass[rows])
+        return TrackingErrors(self.time_s[rows], *masks, **points)
 
 
 def counted(record: Record, time_s: FloatArray) -> NDArray[np.bool_]:
@@ -96,14 +94,8 @@ def tracking_errors(record: Record) -> TrackingErrors:
     errors = {body: body_error(record, state, reference, body) for body in BODIES}
     tool = _tool_error(record, time_s, reference)
     curved = is_curved(record)[reference]
-    return TrackingErrors(time_s, curved, counted(record, time_s), **errors, tool=tool)
-
-
-def is_curved(record: Record) -> NDArray[np.bool_]:
-    """Return for each row of the reference whether it counts as curve."""
-    curvature = np.abs(record[REFERENCE]["curvature_per_m"])
-    largest = float(curvature.max(initial=0.0, where=np.isfinite(curvature)))
-    return curvature > max(_CURVED_FRACTION * largest, _STRAIGHT_PER_M)
+    on_pass = passes(record, LEAD_M).numbers(len(record[REFERENCE]))[reference] >= 0
+    return TrackingErrors(time_s, curved, counted(record, time_s), on_pass, **errors, tool=tool)
 
 
 def rows_at_same_time(

@@ -17,7 +17,7 @@ import numpy as np
 from ttempc.types import FloatArray, Sensor
 
 from ....testbed.ground.terrain import flat
-from ....testbed.recording.channels import ESTIMATE, MEASUREMENT, REFERENCE, STATE
+from ....testbed.recording.channels import MEASUREMENT, REFERENCE, STATE
 from ....testbed.recording.record import Record
 from ....testbed.truth import WHEELS
 from ....testbed.validation.bench import DRIVEN, Bench
@@ -25,7 +25,8 @@ from ....testbed.validation.check import between, number
 from ....testbed.validation.single_manoeuvres import natural_frequencies, side_ratio, yaw_response
 from ....testbed.validation.validate import validate
 from ....testbed.wheels import tyre
-from ...results.tracking_errors import START_UP_S, rows_at_same_time, tracking_errors
+from ...results.passes import pass_spreads
+from ...results.tracking_errors import START_UP_S, tracking_errors
 from ...run.assembly import EDGE_M
 from ...run.simulate import simulate
 from ...scenario.scenario import load
@@ -196,13 +197,6 @@ def cross_error(record: Record, point: Point) -> FloatArray:
     return errors.by_point[point].cross_m[errors.time_s >= START_UP_S]
 
 
-def seen_cross_error(record: Record, body: str) -> FloatArray:
-    """Return the errors of body "t" or "i" by the estimate, on a line to the east, (n,) [m]."""
-    time_s, rows, line = rows_at_same_time(record, ESTIMATE, REFERENCE)
-    offset = record[ESTIMATE][f"y_{body}_m"][rows] - record[REFERENCE][f"y_{body}_m"][line]
-    return offset[time_s >= START_UP_S]
-
-
 def ride() -> list[float]:
     """Return the frequencies of the tractor's roll, bounce and pitch after a kick [Hz]."""
     return natural_frequencies(machine().bench)
@@ -215,8 +209,8 @@ def work() -> list[float]:
     passes = [slip_each_second(record) for record in driven]
     slips = 100.0 * np.concatenate(passes)
     memory = [autocorrelation(passes, lag) for lag in (1, 3, 12)]
-    guided = np.median([np.std(seen_cross_error(record, "t")) for record in driven])
-    return [float(np.median(slips)), float(slips.std()), *memory, 100.0 * float(guided)]
+    guided = 100.0 * float(np.median([_seen_sd(record, "tractor") for record in driven]))
+    return [float(np.median(slips)), float(slips.std()), *memory, guided]
 
 
 def transport_slip() -> list[float]:
@@ -266,7 +260,13 @@ def slow_implement_steering() -> list[float]:
 
 def _steered_sd(speed_kmh: float) -> float:
     records = _passes(round(speed_kmh / 3.6, 3), *settings(), seeds=SEEDS[:2])
-    return 100.0 * float(np.median([np.std(seen_cross_error(each, "i")) for each in records]))
+    return 100.0 * float(np.median([_seen_sd(each, "trailer") for each in records]))
+
+
+def _seen_sd(record: Record, body: Point) -> float:
+    """Return the standard deviation of a cross-track error as the machine sees it on a pass [m]."""
+    _, seen = pass_spreads(record)[1][body]
+    return float(np.median(seen))
 
 
 def pass_to_pass() -> list[float]:

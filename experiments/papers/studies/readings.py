@@ -15,8 +15,9 @@ from ttempc.types import FloatArray
 
 from ....testbed.recording.channels import CONTROL, ESTIMATE, REFERENCE
 from ....testbed.recording.record import Record
+from ...results.stretches import is_curved
 from ...results.summary import Summary
-from ...results.tracking_errors import TrackingErrors, is_curved, tracking_errors
+from ...results.tracking_errors import TrackingErrors, tracking_errors
 from ...run.simulate import simulate
 from ...scenario.path import FigureEight
 from ...seeds import report_seeds

@@ -18,6 +18,7 @@ from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
+from proving_ground.testbed.vehicle.vehicle import VEHICLES
 
 from ttempc.baselines.pid import pid_controller
 from ttempc.types import Command, Input, Sensor
@@ -192,9 +193,12 @@ def test_curves_hold_in_reverse_too_and_without_feedback_the_trailer_folds(tmp_p
     summary, *_ = reversing(BACK, 'controller.name="feedforward"')
     assert summary.status == "lost"
     assert "jack-knife" in summary.failure
-    arguments = ["run", "farm", "--out", str(tmp_path / "new"), "--set", "path.reverse=true"]
-    assert main(arguments) == 2
-    assert "farm4500" in capsys.readouterr().err
+    forward_only = tmp_path / "forward-only.toml"
+    lines = VEHICLES.find("farm4500").read_text().splitlines(keepends=True)
+    forward_only.write_text("".join(line for line in lines if not line.startswith("reverse")))
+    changes = [f"--set=plant.vehicle.file='{forward_only}'", "--set=path.reverse=true"]
+    assert main(["run", "farm", "--out", str(tmp_path / "new"), *changes]) == 2
+    assert "forward-only" in capsys.readouterr().err
 
 
 def spoilt(spoil, ticks, path):
