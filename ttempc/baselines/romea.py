@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from ..errors import InvalidReference, check_choice, check_positive
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..models.kinematics import trailer_point, wrap_angle
 from ..reference.reference import GUIDED, Guided, Reference, guided
+from ..tuning import SearchRange
 from ..types import Diagnostics, Disturbance, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 from .pid import PidFeedback, PidOptions
@@ -54,7 +55,7 @@ class RomeaOptions:
     """Options that both laws have."""
 
     # Decay of the trailer's deviation over the distance that it travels [1/m]
-    trailer_gain_per_m: float = 0.5
+    trailer_gain_per_m: float = 0.6
     # Origin of the side slips: the disturbances of the filter, or the observer of the papers
     slip: SlipSource = "filter"
     memory_s: float = 1.5  # time constant of the observer's double pole [s]
@@ -78,8 +79,14 @@ class RomeaOptions:
 class BackSteppingOptions(RomeaOptions):
     """Options of `romea-backstepping`."""
 
-    gain_per_m: float = 0.35  # course that is wanted per deviation, at the path [1/m]
-    course_gain_per_m: float = 1.2  # decay of the course's error over the distance [1/m]
+    search_space: ClassVar[tuple[SearchRange, ...]] = (
+        SearchRange("gain_per_m", 0.1, 1.5),
+        SearchRange("course_gain_per_m", 0.3, 4.0),
+        SearchRange("trailer_gain_per_m", 0.1, 1.5),
+    )
+
+    gain_per_m: float = 0.6  # course that is wanted per deviation, at the path [1/m]
+    course_gain_per_m: float = 1.5  # decay of the course's error over the distance [1/m]
 
     def __post_init__(self) -> None:
         RomeaOptions.__post_init__(self)
@@ -91,8 +98,15 @@ class BackSteppingOptions(RomeaOptions):
 class PredictiveOptions(RomeaOptions):
     """Options of `romea-predictive`."""
 
+    search_space: ClassVar[tuple[SearchRange, ...]] = (
+        SearchRange("distance_gain_per_m", 0.3, 4.0),
+        SearchRange("trailer_gain_per_m", 0.1, 1.5),
+        SearchRange("horizon_s", 0.2, 1.6),
+        SearchRange("response_s", 0.1, 1.6),
+    )
+
     # K_d: the deviation has a double pole at K_d / 2 over the distance, as published [1/m]
-    distance_gain_per_m: float = 1.2
+    distance_gain_per_m: float = 1.6
     horizon_s: float = 0.6  # time by which the angle of the path is predicted [s]
     response_s: float = 0.4  # time constant by which it is to be reached [s]
 
