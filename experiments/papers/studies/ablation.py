@@ -27,6 +27,10 @@ OFF: Final[dict[str, tuple[str, ...]]] = {
     "learning": ("controller.learn=false",),
     "detectors": ("controller.detect=false",),
     "dead-time compensation": ("controller.compensate=false",),
+    "roll as input of the filter": (
+        "controller.vehicle.tractor_axle_height_m=0.0",
+        "controller.vehicle.trailer_axle_height_m=0.0",
+    ),
 }
 """Changes that switch a part off, as of `--set`."""
 
@@ -37,7 +41,7 @@ TRIALS: Final[dict[str, tuple[str, ...]]] = {
     "wet slope": ("wet-slope", *_LAP),
     "tool": ("cultivate", *_LAP),
     "worn valves": ("old-valves", *_LAP),
-    "2.8 m/s": ("farm", "path.speed_mps=2.8", *_LAP),
+    "10 km/h": ("work-eight", *_LAP),
 }
 """Scenario of each trial and its changes; all with IMUs."""
 

@@ -48,10 +48,11 @@ TRIALS: Final[dict[str, tuple[str, ...]]] = {
     "rough grass": ("grass", 'terrain.iso_class="E"'),
     "wet slope": ("wet-slope",),
     "tool": ("cultivate",),
+    "10 km/h": ("work-eight",),
 }
 """Scenario of each trial and its changes; one lap is driven."""
 
-DRIVES: Final = 24
+DRIVES: Final = 32
 """Budget of each controller, the drives of its shipped options among them."""
 _SEEDS: Final = (71,)  # of tuning
 HELD_OUT: Final = (3001, 3002)
