@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingControl
 from ..models.linear import riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
 from ..reference.reference import GUIDED, Guided, Reference, guided
+from ..tuning import SearchRange
 from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
@@ -32,6 +34,13 @@ class LqrOptions:
     `steering_step_factors`. The weights are the best of 33 sets on the benchmark's trials, on
     tuning seeds.
     """
+
+    search_space: ClassVar[tuple[SearchRange, ...]] = (
+        SearchRange("output_weight", 0.5, 12.0, entry=3),
+        SearchRange("step_weight", 0.02, 1.0, entry=0),
+        SearchRange("step_weight", 0.01, 0.5, entry=1),
+        SearchRange("step_weight", 0.04, 1.0, entry=2),
+    )
 
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 2.5)  # [1/m^2]
     # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction

@@ -9,6 +9,7 @@ loop is designed by itself, on straight motion at the reference's speed, without
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ..errors import check_choice, check_positive
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..models.kinematics import Error, tracking_error, trailer_point
 from ..reference.reference import GUIDED, Guided, Reference, guided
+from ..tuning import SearchRange
 from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
@@ -27,6 +29,12 @@ _PUSHING_SHARE = 0.55
 @dataclass(frozen=True)
 class PidOptions:
     """Options of `pid`."""
+
+    search_space: ClassVar[tuple[SearchRange, ...]] = (
+        SearchRange("lag_ratio", 2.5, 9.0),
+        SearchRange("trailer_lag_ratio", 2.5, 9.0),
+        SearchRange("swing_deg", 0.5, 6.0),
+    )
 
     # Time constants of the steering loops over what their design leaves out: the valve's lag, half
     # of a period, and what the valve's largest rate takes for `swing_deg`. With 6, a triple pole

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from ..errors import InvalidReference, check_choice, check_positive
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..models.kinematics import trailer_point, wrap_angle
 from ..reference.reference import GUIDED, Guided, Reference, guided
+from ..tuning import SearchRange
 from ..types import Diagnostics, Disturbance, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 from .pid import PidFeedback, PidOptions
@@ -51,10 +52,17 @@ _STEEPEST: Final = math.radians(80.0)  # course to which the chained form holds,
 
 @dataclass(frozen=True)
 class RomeaOptions:
-    """Options that both laws have."""
+    """Options that both laws have.
+
+    Gains are over the distance, as published, up to `fastest_mps`. Above it they fall with the
+    speed, so that the decay over time stays: the lags of the valves are times. An assumption of
+    this project; with fixed gains a tractor of 4.5 t folds its trailer at 2.8 m/s.
+    """
+
+    fastest_mps: float = 1.0  # speed up to which the gains are those given [m/s]
 
     # Decay of the trailer's deviation over the distance that it travels [1/m]
-    trailer_gain_per_m: float = 0.5
+    trailer_gain_per_m: float = 0.6
     # Origin of the side slips: the disturbances of the filter, or the observer of the papers
     slip: SlipSource = "filter"
     memory_s: float = 1.5  # time constant of the observer's double pole [s]
@@ -63,7 +71,7 @@ class RomeaOptions:
     guided: Guided = "tool"  # the point behind that keeps to its line; without a tool the axle
 
     def __post_init__(self) -> None:
-        for name in ("trailer_gain_per_m", "memory_s", "capture_deg"):
+        for name in ("fastest_mps", "trailer_gain_per_m", "memory_s", "capture_deg"):
             check_positive(name, getattr(self, name))
         check_choice("slip", self.slip, SLIP_SOURCES)
         check_choice("guided", self.guided, GUIDED)
@@ -78,8 +86,15 @@ class RomeaOptions:
 class BackSteppingOptions(RomeaOptions):
     """Options of `romea-backstepping`."""
 
-    gain_per_m: float = 0.35  # course that is wanted per deviation, at the path [1/m]
-    course_gain_per_m: float = 1.2  # decay of the course's error over the distance [1/m]
+    search_space: ClassVar[tuple[SearchRange, ...]] = (
+        SearchRange("gain_per_m", 0.1, 1.5),
+        SearchRange("course_gain_per_m", 0.3, 4.0),
+        SearchRange("trailer_gain_per_m", 0.1, 1.5),
+        SearchRange("fastest_mps", 0.5, 3.0),
+    )
+
+    gain_per_m: float = 0.6  # course that is wanted per deviation, at the path [1/m]
+    course_gain_per_m: float = 1.5  # decay of the course's error over the distance [1/m]
 
     def __post_init__(self) -> None:
         RomeaOptions.__post_init__(self)
@@ -91,8 +106,16 @@ class BackSteppingOptions(RomeaOptions):
 class PredictiveOptions(RomeaOptions):
     """Options of `romea-predictive`."""
 
+    search_space: ClassVar[tuple[SearchRange, ...]] = (
+        SearchRange("distance_gain_per_m", 0.3, 4.0),
+        SearchRange("trailer_gain_per_m", 0.1, 1.5),
+        SearchRange("fastest_mps", 0.5, 3.0),
+        SearchRange("horizon_s", 0.2, 1.6),
+        SearchRange("response_s", 0.1, 1.6),
+    )
+
     # K_d: the deviation has a double pole at K_d / 2 over the distance, as published [1/m]
-    distance_gain_per_m: float = 1.2
+    distance_gain_per_m: float = 1.6
     horizon_s: float = 0.6  # time by which the angle of the path is predicted [s]
     response_s: float = 0.4  # time constant by which it is to be reached [s]
 
@@ -216,6 +239,8 @@ class RomeaFeedback(FeedbackLaw):
         self._curvature_i = np.divide(
             grid.yaw_rate_i, grid.speed_i, out=np.zeros_like(grid.speed_i), where=moving
         )
+        speed = np.abs(grid.state[:, State.V])
+        self._share = np.minimum(1.0, options.fastest_mps / np.maximum(speed, 1e-6))  # of gains
         self._gear = -1.0 if course.vehicle.reverse else 1.0
         self._speed = PidFeedback(course, PidOptions())
         self._observer = SlipObserver(course.vehicle, course.period_s, options.memory_s)
@@ -293,10 +318,10 @@ class RomeaFeedback(FeedbackLaw):
         length = vehicle.drawbar_length + vehicle.trailer_length + vehicle.trailer_turning_offset
         return at._replace(across=at.across + length * slips.trailer)
 
-    def _drawbar(self, at: Deviation, slips: Slips, state: FloatArray) -> float:
+    def _drawbar(self, k: int, at: Deviation, slips: Slips, state: FloatArray) -> float:
         """Return the drawbar's angle [rad] that brings the trailer to its wanted course."""
         options = self._options
-        gain = self._gear * options.trailer_gain_per_m
+        gain = self._gear * self._share[k] * options.trailer_gain_per_m
         wanted = wanted_course(gain, at, options.capture)
         error = at.heading + slips.trailer - wanted
         return drawbar_steering(float(state[State.DELTA_I]), error, self._course.vehicle)
@@ -311,10 +336,11 @@ class BackStepping(RomeaFeedback):
         self, k: int, at: Deviation, at_i: Deviation, slips: Slips, state: FloatArray
     ) -> tuple[float, float]:
         options = self._options
-        wanted = wanted_course(self._gear * options.gain_per_m, at, options.capture)
-        turn = self._gear * options.course_gain_per_m * (wanted - at.heading - slips.rear)
+        share = self._gear * self._share[k]
+        wanted = wanted_course(share * options.gain_per_m, at, options.capture)
+        turn = share * options.course_gain_per_m * (wanted - at.heading - slips.rear)
         front = front_steering(turn, at, slips, self._course.vehicle.wheelbase)
-        return front, self._drawbar(at_i, slips, state)
+        return front, self._drawbar(k, at_i, slips, state)
 
 
 class Predictive(RomeaFeedback):
@@ -350,7 +376,7 @@ class Predictive(RomeaFeedback):
 
         # The part of the deviation is what remains of the whole law
         course = at.heading + slips.rear
-        gain = options.distance_gain_per_m
+        gain = self._share[k] * options.distance_gain_per_m
         turn = chained_turn(gain, at, course, self._gear, options.capture)
         beside = front_steering(turn, at, slips, wheelbase) - path
         front = self._front_angle.set_point(objective, path) + beside
@@ -358,7 +384,7 @@ class Predictive(RomeaFeedback):
         # The drawbar's angle of the path is that of the reference
         angle = float(grid.state[k, State.DELTA_I])
         angle_then = float(grid.state[then, State.DELTA_I])
-        beside_i = self._drawbar(at_i, slips, state) - angle
+        beside_i = self._drawbar(k, at_i, slips, state) - angle
         return front, self._drawbar_angle.set_point(angle_then, angle) + beside_i
 
 

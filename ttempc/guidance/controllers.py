@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..reference.corridor import SpeedTube
     from ..reference.reference import Reference
     from ..tube.reference_tube import TubeDesign
+    from ..tuning import SearchRange
     from ..vehicle import Vehicle
 
 _Options = TypeVar("_Options")
@@ -50,6 +51,11 @@ class ControllerEntry:
         """Dataclass of the options, None where there are none."""
         module, _, *name = self.place.split()
         return _load(module, *name) if name else None
+
+    @property
+    def search_space(self) -> tuple[SearchRange, ...]:
+        """Ranges of the options that are searched when it is tuned; none where there are none."""
+        return getattr(self.options, "search_space", ())
 
 
 CONTROLLERS: Final = MappingProxyType(

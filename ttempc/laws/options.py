@@ -10,6 +10,7 @@ from ..errors import check_choice, check_flag, check_positive, check_vector
 from ..mpc.lmpc import HorizonTuning
 from ..reference.corridor import SpeedTube
 from ..reference.reference import GUIDED, Guided
+from ..tuning import SearchRange
 from ..types import FloatArray, Input
 from ..vehicle import Vehicle
 
@@ -66,6 +67,12 @@ class MpcOptions(HorizonTuning):
     """
 
     outputs: ClassVar[int] = 4
+    search_space: ClassVar[tuple[SearchRange, ...]] = (
+        SearchRange("output_weight", 0.5, 12.0, entry=3),
+        SearchRange("step_weight", 0.02, 1.0, entry=0),
+        SearchRange("step_weight", 0.01, 0.5, entry=1),
+        SearchRange("step_weight", 0.04, 1.0, entry=2),
+    )
 
     horizon: int = 20  # N_p, predicted periods of 0.2 s
     moves: int = 6  # N_c, free input steps of 0.2 s

@@ -1,7 +1,6 @@
-"""Laps: readings of the paper, its published errors, parts of `ttempc`, estimators."""
+"""Laps: readings of the paper, its published errors, estimators."""
 
 import json
-import math
 from dataclasses import replace
 from typing import Final
 
@@ -68,15 +67,6 @@ READINGS: Final = {
 }
 """Readings of the paper's equations, each changed by itself, on `pavement`, where the plant is
 closest to the kinematic model."""
-
-PARTS: Final = {
-    "feedforward": _named("feedforward"),
-    "+ LMPC": _options(robust=False, tube=False, disturbances=False),
-    "+ LMPC, robust": _options(disturbances=False, tube=False),
-    "+ LMPC, disturbance": _options(robust=False, tube=False),
-    "+ LMPC, disturbance, robust": _options(tube=False),
-    "+ LMPC, disturbance, robust, growing tube (`ttempc`)": (),
-}
 
 PUBLISHED: Final = {"LMPC": tuple(PUBLISHED_M.values()), "NMPC": PUBLISHED_NMPC_M}
 """Mean errors [m] of the two controllers published for the vehicle."""
@@ -148,21 +138,6 @@ def consistency_table(runs: pd.DataFrame) -> str:
     return grouped(runs, ["scenario"], {"scenario": label("scenario", "`{}`"), **cells})
 
 
-def ablation_table(runs: pd.DataFrame) -> str:
-    """Return errors and steering rate of each part of `ttempc`."""
-    cells = {
-        "scenario": label("scenario", "`{}`"),
-        "parts": label("parts"),
-        "tractor, p95": mean("tracking.all.tractor.cross_p95_m"),
-        "trailer, p95": mean("tracking.all.trailer.cross_p95_m"),
-        "steering rate, deg/s": mean(
-            "inputs.delta_t.rms_rate", form=".1f", factor=math.degrees(1.0)
-        ),
-        "lost": lost,
-    }
-    return grouped(runs, ["scenario", "parts"], cells)
-
-
 def errata_table(runs: pd.DataFrame) -> str:
     """Return the errors of each reading of the paper."""
     cells = {"reading": label("reading"), **mean_errors(".1f"), "lost": lost}
@@ -172,25 +147,6 @@ def errata_table(runs: pd.DataFrame) -> str:
 _LAP: Final = ("path.laps=1",)
 
 TABLES: Final = (
-    Table(
-        name="ablation",
-        studies={
-            "ablation": study(
-                "grass",
-                report_seeds(5),
-                _LAP,
-                listed("scenario", "grass", "wet-slope"),
-                variants("parts", PARTS),
-            )
-        },
-        text=ablation_table,
-        checks=(
-            ("grass", "ttempc"),
-            ("wet-slope", "ttempc"),
-            ("grass", "ttempc-nominal"),
-            ("grass", "feedforward"),
-        ),
-    ),
     Table(
         name="errata",
         studies={

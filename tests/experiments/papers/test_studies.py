@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from proving_ground.experiments.papers.studies import containment, entry, faults, laps, widths
+from proving_ground.experiments.papers.studies import (
+    ablation,
+    containment,
+    entry,
+    faults,
+    laps,
+    tuning,
+    widths,
+)
 from proving_ground.experiments.papers.table import all_tables, study, variants
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import (
@@ -17,12 +25,15 @@ from proving_ground.experiments.scenario.tube_file import (
     read_tube,
 )
 from proving_ground.experiments.seeds import FITTING, report_seeds
+from proving_ground.experiments.studies.search.evolution import evolve
 from proving_ground.experiments.studies.sweep.folder import Origin, SweepFolder
 from proving_ground.experiments.studies.sweep.plan import SweepPlan
 from proving_ground.experiments.studies.sweep.row import FIGURES
 from proving_ground.experiments.studies.sweep.sweep import sweep_job
 from proving_ground.experiments.studies.sweep.work import run_job
 from scipy.stats import gumbel_r
+
+from ttempc.guidance.controllers import controller_options
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'
 
@@ -54,22 +65,77 @@ def test_the_scenario_of_every_run_of_every_table_can_be_driven():
         load("grass", faults.changes(fault))
 
 
-def test_tables_of_laps_have_the_means_of_each_variant_over_the_seeds():
-    for table in laps.TABLES[:2]:
-        (own,) = table.studies.values()
-        seeds = len(own.point_seeds)
-        plan = SweepPlan(table.name, own)
-        rows = []
-        for run in range(plan.size):
-            job = job_of(own, run)
-            figures = dict.fromkeys(FIGURES, 0.01 * run)
-            rows.append(job.row("lost" if run == 0 else "completed", None, figures, 1.0))
-        head, body = cells(table.text(pd.DataFrame(rows)))
-        assert len(body) == len(rows) / seeds
-        assert [line[-1] for line in body][:2] == [f"1/{seeds}", f"0/{seeds}"]
-        column = next(k for k, name in enumerate(head) if name.startswith("tractor"))
-        expected = np.mean(range(seeds, 2 * seeds))
-        assert float(body[1][column]) == pytest.approx(expected, abs=0.05)
+def rows_of(own):
+    """Return made-up rows of all runs of a study: errors grow with the run, the first is lost."""
+    plan = SweepPlan("made-up", own)
+    for run in range(plan.size):
+        figures = dict.fromkeys(FIGURES, 0.01 * run)
+        yield job_of(own, run).row("lost" if run == 0 else "completed", None, figures, 1.0)
+
+
+def test_table_of_readings_has_the_means_of_each_variant_over_the_seeds():
+    table = next(table for table in laps.TABLES if table.name == "errata")
+    (own,) = table.studies.values()
+    seeds = len(own.point_seeds)
+    rows = [*rows_of(own)]
+    head, body = cells(table.text(pd.DataFrame(rows)))
+    assert len(body) == len(rows) / seeds
+    assert [line[-1] for line in body][:2] == [f"1/{seeds}", f"0/{seeds}"]
+    column = next(k for k, name in enumerate(head) if name.startswith("tractor"))
+    expected = np.mean(range(seeds, 2 * seeds))
+    assert float(body[1][column]) == pytest.approx(expected, abs=0.05)
+
+
+def test_ablation_has_differences_in_pairs_with_a_loss_counted():
+    """A part that adds 1 cm on every seed adds 1 cm, however much the seeds differ."""
+    (table,) = ablation.TABLES
+    rows = []
+    for number, (name, own) in enumerate(table.studies.items()):
+        for row in rows_of(own):
+            by_seed = 0.02 + 0.001 * (row["seed"] - 3000)
+            error = by_seed + 0.01 * (row["off"] != "`ttempc`")
+            lost = number == 0 and row["off"] == "tube" and row["seed"] == 3001
+            status = "lost" if lost else "completed"
+            rows.append({**row, "study": name, "working.cross_p95_m": error, "status": status})
+    head, body = cells(table.text(pd.DataFrame(rows)))
+    assert head[1:-2] == [*ablation.TRIALS]
+    lines = {line[0]: line[1:] for line in body}
+    assert lines["learning"][0] == "+1.00 (+1.00 to +1.00)"
+    assert float(lines["tube"][0].split()[0]) > 1.0
+    assert lines["tube"][-1] == f"1/{10 * len(ablation.TRIALS)}"
+    assert lines["tube"][1] == lines["learning"][1]
+
+
+def test_tuning_begins_with_the_shipped_options_and_stays_in_range():
+    for name in tuning.TUNED:
+        task = tuning.Tuning(name, Path())
+        for item, position in zip(task.space, task.start(), strict=True):
+            assert 0.0 <= position <= 1.0, (name, item)
+        for corner in (np.zeros(len(task.space)), np.ones(len(task.space))):
+            controller_options(name, task.options(corner))
+        shipped = controller_options(name, {})
+        again = controller_options(name, task.options(task.start()))
+        for item in task.space:
+            before = np.atleast_1d(shipped[item.option])
+            np.testing.assert_allclose(again[item.option], before.squeeze(), rtol=1e-3)
+
+
+def test_evolution_finds_the_least_cost_keeps_its_budget_and_repeats_itself():
+    asked = []
+
+    def cost(point):
+        asked.append(point)
+        return float(np.square(point - [0.8, 0.1, 0.97]).sum())
+
+    start = np.full(3, 0.5)
+    found = evolve(cost, start, 150, np.random.default_rng(4))
+    assert len(asked) == found.evaluations == 150
+    assert np.all((np.array(asked) >= 0.0) & (np.array(asked) <= 1.0))
+    assert found.first == cost(start)
+    assert found.cost < 1e-3 * found.first
+    np.testing.assert_array_equal(
+        found.point, evolve(cost, start, 150, np.random.default_rng(4)).point
+    )
 
 
 # Widths of laps.

@@ -153,6 +153,22 @@ def test_constant_slip_leaves_no_deviation(name, slip):
     assert run.trailer_m[-1] < 5e-3  # the tilted trailer is shorter, which is along the path
 
 
+@pytest.mark.parametrize("name", BOTH)
+def test_above_their_speed_the_decay_over_time_stays(name):
+    """Both gains of a second-order decay over the distance halve at twice the speed."""
+    vehicle = Vehicle(speed_gain=3.0)
+    turns = []
+    for speed in (1.0, 2.0):
+        reference = Reference(straight(60.0), vehicle, ConstantSpeed(speed))
+        options = {"fastest_mps": 1.0}
+        controller = make_controller(name, vehicle, reference, PERIOD_S, options=options)
+        state = reference.at(0.0).state
+        state[State.Y] += 1e-4
+        step = controller.step(seen_truth(state, 0.0, vehicle), 0)
+        turns.append(math.tan(step.command.delta_t))
+    assert turns[1] == pytest.approx(turns[0] / 4.0, rel=1e-3)
+
+
 def test_curvature_is_prepared_for_by_the_predictive_law():
     reference = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
     peaks = [
