@@ -17,10 +17,11 @@ from ttempc.types import Command, FloatArray
 from ..actuation.actuators import VALVE, Actuators, ActuatorSpecification, CommandPath
 from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
-from ..ground.soil import SoilMap
+from ..ground.soil import RandomField, SoilMap
 from ..ground.terrain import Terrain
 from ..implement.implement import Implement
 from ..implement.mounted import MountedImplement, draw_implement, frame_height
+from ..implement.tool_kernel import tool_surface
 from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Truth, TruthBlock, Wheels
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
@@ -72,6 +73,7 @@ class Plant:
         timestep_s: of the physics.
         actuators: imperfections between a command and the servos; none by default.
         implement: on the trailer; none by default.
+        draft_variation: of the implement by place, `Implement.variation`; none by default.
 
     Raises:
         InvalidPlant: a setting is impossible.
@@ -88,6 +90,7 @@ class Plant:
         timestep_s: float = 0.002,
         actuators: ActuatorSpecification | None = None,
         implement: Implement | None = None,
+        draft_variation: RandomField | None = None,
     ) -> None:
         self.vehicle = vehicle
         self.terrain = terrain
@@ -105,7 +108,11 @@ class Plant:
         self.ground = Ground(terrain, soil.rasterised(terrain), soil.ruts)
         self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, self.wheel_law)
         self.implement = implement and MountedImplement(
-            implement, model, data, vehicle, self.ground, soil.background
+            implement,
+            model,
+            data,
+            vehicle,
+            tool_surface(implement, self.ground, soil.background, draft_variation),
         )
         rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
         self._state = State.of(model, data, self.wheels.output, rear_radius, self.implement)
