@@ -24,6 +24,7 @@ from ..implement.mounted import MountedImplement, draw_implement, frame_height
 from ..implement.tool_kernel import tool_surface
 from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Truth, TruthBlock, Wheels
 from ..vehicle.appearance import paint_ground
+from ..vehicle.drive_limits import DriveLimits, limit_drive
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
 from ..vehicle.vehicle_model import build_spec, level_model, physics_model
@@ -120,11 +121,12 @@ class Plant:
         # from tractor and trailer point to their antennas, (2, 3) [m] bodies' frames
         self.lever_arms: FloatArray = model.site_pos[[places.antenna_t, places.antenna_i]]
 
-        self._plain = PlainSteps(model, data, self.wheels, self.implement, self._state)
+        drive = self._drive = DriveLimits.of(model, data, vehicle)
+        self._plain = PlainSteps(model, data, self.wheels, self.implement, drive, self._state)
         self._steps: PlainSteps | CompiledSteps = self._plain
         if type(self.wheels) is SoilWheels:  # a subclass may step in a way of its own
             compiled = compiled_steps(
-                model, data, self.wheels, self.implement, self.ground, self._state
+                model, data, self.wheels, self.implement, self.ground, drive, self._state
             )
             self._steps = compiled or self._plain
 
@@ -381,6 +383,7 @@ class Plant:
         data.act[self._hydrostat] = hp
         data.ctrl[:] = 0.0, 0.0, hp  # the set points of the present speed, until the first command
         self._valves = self.actuators.start(hp)
+        limit_drive(self._drive)
 
 
 def check_standing(

@@ -195,6 +195,7 @@ class Hydrostat:
     time_constant_s: Positive  # tau
     rate_per_s: Positive  # largest rate of the position; the controller must not exceed it
     reverse: bool = False  # positions of -1..0 drive backward, with the same K and tau
+    power_kw: Positive | None = None  # largest power at the driven wheels; absent: not limited
 
 
 @dataclass(frozen=True, config=STRICT)
