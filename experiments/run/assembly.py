@@ -184,6 +184,7 @@ def assemble(
     parts = parts or SharedParts()
     plan = _plan(scenario, seed, parts.terrain)
     settings = scenario.plant
+    tool = scenario.implement
     plant = Plant(
         plan.vehicles.plant,
         plan.terrain,
@@ -192,7 +193,8 @@ def assemble(
         wheel_law=settings.wheel_law,
         timestep_s=settings.timestep_s,
         actuators=scenario.actuators,
-        implement=scenario.implement,
+        implement=tool,
+        draft_variation=tool and tool.variation(generator(seed, "draft"), plan.terrain),
     )
     plan.timetable.damage(plant)
     sensors = SensorSuite(scenario.sensors, settings.timestep_s, seed, plant.lever_arms)

@@ -4,7 +4,7 @@
 
 with the draft D [N], the factor F_i of the soil's texture, the speed S [km/h], the width W [m] or
 the number of tools, and the depth T [cm]. The standard gives the range of a draft in other fields,
-which is not modelled.
+`draft_factor`; along a field it varies by place, `draft_cv`.
 
 Sources. The standard itself was not read. A, B and C of the subsoiler, the disk harrows and the
 field cultivators, with their factors and ranges, were compared with a public transcription
@@ -27,6 +27,8 @@ from ttempc.types import FloatArray
 
 from ..configuration.config_io import STRICT, DurationS, LengthM, NotNegative, Positive
 from ..errors import InvalidPlant
+from ..ground.soil import RandomField, RandomStrength
+from ..ground.terrain import Terrain
 
 Texture = Literal["fine", "medium", "coarse"]
 
@@ -45,6 +47,7 @@ class DraftEquation:
     medium: float  # factor F_2 of the standard, on loam
     coarse: float  # factor F_3 of the standard, on sand
     spacing_m: float | None  # usual distance between tools, assumed; None: the width counts
+    vertical: float  # usual downward force over the draft, assumed
 
     def coefficients(self, texture: Texture) -> tuple[float, float, float]:
         """Return draft per tool (or metre) and metre of depth as a + b v + c v^2, v [m/s].
@@ -59,13 +62,13 @@ class DraftEquation:
 # harrow, field cultivator), 25 % (its second pass), 15 % (row-crop cultivator)
 IMPLEMENTS: Final[Mapping[str, DraftEquation]] = MappingProxyType(
     {
-        "chisel-plough": DraftEquation(91.0, 5.4, 0.0, 1.0, 0.85, 0.65, 0.30),
-        "subsoiler": DraftEquation(226.0, 0.0, 1.8, 1.0, 0.70, 0.45, 0.75),
-        "disk-harrow": DraftEquation(309.0, 16.0, 0.0, 1.0, 0.88, 0.78, None),
-        "disk-harrow-second": DraftEquation(216.0, 11.2, 0.0, 1.0, 0.88, 0.78, None),
-        "field-cultivator": DraftEquation(46.0, 2.8, 0.0, 1.0, 0.85, 0.65, 0.20),
-        "field-cultivator-second": DraftEquation(32.0, 1.9, 0.0, 1.0, 0.85, 0.65, 0.20),
-        "row-crop-cultivator": DraftEquation(140.0, 7.0, 0.0, 1.0, 0.85, 0.65, 0.75),
+        "chisel-plough": DraftEquation(91.0, 5.4, 0.0, 1.0, 0.85, 0.65, 0.30, 0.2),
+        "subsoiler": DraftEquation(226.0, 0.0, 1.8, 1.0, 0.70, 0.45, 0.75, 0.2),
+        "disk-harrow": DraftEquation(309.0, 16.0, 0.0, 1.0, 0.88, 0.78, None, -0.5),
+        "disk-harrow-second": DraftEquation(216.0, 11.2, 0.0, 1.0, 0.88, 0.78, None, -0.5),
+        "field-cultivator": DraftEquation(46.0, 2.8, 0.0, 1.0, 0.85, 0.65, 0.20, 0.2),
+        "field-cultivator-second": DraftEquation(32.0, 1.9, 0.0, 1.0, 0.85, 0.65, 0.20, 0.2),
+        "row-crop-cultivator": DraftEquation(140.0, 7.0, 0.0, 1.0, 0.85, 0.65, 0.75, 0.2),
     }
 )
 """Implements by name; "second" is secondary tillage, the others primary tillage."""
@@ -130,6 +133,18 @@ class Implement:
     """Side force per slip angle of the tools and area (width times depth); assumed."""
     side_limit: Positive = 1.0
     """Largest side force over the draft at speed 0; assumed."""
+    # Tools that are inclined forward pull themselves into the soil, disks are pushed out of it
+    # (R. A. Kepner et al., "Principles of Farm Machinery", from memory; the size is assumed).
+    vertical_share: Annotated[float, Field(ge=-2, le=2)] | None = None
+    """Downward force of the soil on the tools over the draft; absent: that of the type, 0.2 or, of
+    a disk harrow, -0.5."""
+    draft_factor: Annotated[float, Field(ge=0.2, le=3)] = 1.0
+    """Draft in this field over that of the standard, whose range is 0.7 to 1.3 for a field
+    cultivator."""
+    draft_cv: Annotated[float, Field(ge=0, le=1)] = 0.15
+    """Standard deviation of the draft by place over its mean, 0.1 to 0.2 in fields; assumed."""
+    draft_correlation_m: LengthM = 2.0
+    """Correlation length of the draft by place; assumed."""
     strength_exponent: Annotated[float, Field(ge=0, le=2)] = 0.0
     """Exponent of (local cone index / background) in all forces; 0: the texture alone counts."""
 
@@ -139,6 +154,8 @@ class Implement:
             object.__setattr__(self, "spacing_m", usual)
         elif usual is None:
             raise ValueError(f"got spacing_m {self.spacing_m:g}, a {self.type} has no such key")
+        if self.vertical_share is None:
+            object.__setattr__(self, "vertical_share", draft_equation(self.type).vertical)
         ends = [end for interval in self.work_m for end in interval]
         if any(after <= before for before, after in pairwise(ends)):
             raise ValueError(
@@ -156,6 +173,20 @@ class Implement:
         return self.width_m * ((np.arange(POINTS) + 0.5) / POINTS - 0.5)
 
     def draft(self, speed_mps: float) -> float:
-        """Return the draft [N] at the set depth on level ground (ASABE D497)."""
+        """Return the mean draft [N] at the set depth on level ground (ASABE D497)."""
         a, b, c = draft_equation(self.type).coefficients(self.texture)
-        return (a + b * speed_mps + c * speed_mps**2) * self.size * self.depth_m
+        size = self.draft_factor * self.size
+        return (a + b * speed_mps + c * speed_mps**2) * size * self.depth_m
+
+    def variation(self, generator: np.random.Generator, terrain: Terrain) -> RandomField | None:
+        """Return the draft by place over its mean on the points of a terrain, None without any.
+
+        Raises:
+            InvalidField: the correlation length is shorter than the terrain's spacing or longer
+                than the terrain.
+        """
+        if self.draft_cv == 0.0:
+            return None
+        return RandomStrength(
+            coefficient_of_variation=self.draft_cv, correlation_m=self.draft_correlation_m
+        ).draw(generator, terrain)

@@ -12,7 +12,6 @@ import scipy
 
 from ..bodies import Bodies
 from ..errors import InvalidPlant
-from ..ground.ground import Ground
 from ..ground.surface import Surface
 from ..ground.terrain import flat
 from ..truth import WHEELS
@@ -39,8 +38,7 @@ class MountedImplement:
         model: of the plant.
         data: of the plant; only the row of the trailer in `xfrc_applied` is written.
         vehicle: that carries the implement.
-        ground: shape and strength.
-        background: cone index of the field without its layers [kPa].
+        surface: of the ground, from `tool_surface`.
     """
 
     def __init__(
@@ -49,13 +47,10 @@ class MountedImplement:
         model: mujoco.MjModel,
         data: mujoco.MjData,
         vehicle: PlantVehicle,
-        ground: Ground,
-        background: float,
+        surface: Surface,
     ) -> None:
         self.settings: Final = implement
-        self.law: Final = ToolLaw.of(
-            implement, frame_height(vehicle, implement.behind_m), background
-        )
+        self.law: Final = ToolLaw.of(implement, frame_height(vehicle, implement.behind_m))
         self.state: Final = np.zeros(_LIFT_SIZE + _POINT_SIZE * POINTS)
         self.lift: Final = self.state[:_LIFT_SIZE]
         self.output: Final = self.state[_LIFT_SIZE:].reshape(POINTS, _POINT_SIZE)
@@ -63,7 +58,7 @@ class MountedImplement:
             law=self.law.row(),
             offsets=implement.offsets,
             work=np.array(implement.work_m).reshape(-1, 2),
-            surface=Surface.of(ground),
+            surface=surface,
             bodies=Bodies.of(data),
             trailer=int(model.body("trailer").id),
             lift=self.lift,

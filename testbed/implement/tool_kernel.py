@@ -9,8 +9,9 @@ perpendicular to the trailer, and a velocity (u, w) along and across the trailer
 with a the draft per depth at speed 0, s = `side_limit` and k the side force per depth and slip
 angle. Side force is proportional to lateral velocity in measurements on implements (Pearson and
 Bevly 2007, Journal of Terramechanics 44, 439-450); its limit is assumed. Both forces oppose the
-velocity and vanish with it: an implement never gives energy to the vehicle. There is no vertical
-force.
+velocity and vanish with it: in the plane of the trailer an implement never gives energy. A part of
+the draft, without its sign, also pulls the tools down (`vertical_share`): it loads the wheels of
+the trailer, or lifts them. All forces of a point are multiplied by the soil's strength there.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from ttempc.jit import cached_njit, record
 from ttempc.types import FloatArray
 
 from ..bodies import AHEAD, LEFT, UP, Bodies, apply_wrench, axis_of, row_vector, velocity_of
+from ..ground.ground import Ground
+from ..ground.soil import RandomField
 from ..ground.surface import Surface, ground_below
 from ..kernel_options import INLINED, KERNEL
 from ..vectors import ZERO, Vector, add, cross, dot, scale, subtract
@@ -48,19 +51,17 @@ class ToolLaw:
     draft_square: float  # [N s^2/m^3]
     side: float  # [N/m] per depth and radian of slip angle
     side_limit: float  # [N/m] per depth
-    exponent: float  # of the soil's strength in all forces
-    background: float  # [kPa] cone index to which a strength is compared
+    vertical: float  # downward force over the draft
 
     @classmethod
-    def of(cls, implement: Implement, frame: float, background: float) -> ToolLaw:
+    def of(cls, implement: Implement, frame: float) -> ToolLaw:
         """Return the constants of an implement.
 
         Args:
             implement: settings.
             frame: height of the trailer's frame at rest on level ground, at the points [m].
-            background: cone index of the field without its layers [kPa].
         """
-        share = implement.size / POINTS
+        share = implement.draft_factor * implement.size / POINTS
         equation = draft_equation(implement.type).coefficients(implement.texture)
         a, b, c = (share * coefficient for coefficient in equation)
         stiffness = implement.side_stiffness_n_per_deg_m2 * math.degrees(1.0)
@@ -75,8 +76,7 @@ class ToolLaw:
             draft_square=c,
             side=stiffness * implement.width_m / POINTS,
             side_limit=implement.side_limit * a,
-            exponent=implement.strength_exponent,
-            background=background,
+            vertical=implement.vertical_share or 0.0,
         )
 
     def row(self) -> FloatArray:
@@ -100,12 +100,29 @@ class Tools(NamedTuple):
     law: FloatArray  # row `TOOL_LAW`
     offsets: FloatArray  # (n,) [m] of the points to the left
     work: FloatArray  # (k, 2) [m] intervals of the distance driven; without any, tools always work
-    surface: Surface
+    surface: Surface  # its cone indices over that of usual soil, see `tool_surface`
     bodies: Bodies
     trailer: int  # number of the body
     lift: FloatArray  # row `LIFT`, changed in place
     output: FloatArray  # (n, 3) rows `POINT`, written
     timestep: float  # [s]
+
+
+def tool_surface(
+    implement: Implement, ground: Ground, background: float, variation: RandomField | None = None
+) -> Surface:
+    """Return shape of the ground and strength of its soil over that of usual soil.
+
+    Args:
+        implement: settings.
+        ground: shape and cone index.
+        background: cone index of the field without its layers [kPa].
+        variation: of the draft by place; None: none.
+    """
+    strength = (ground.cone_index / background) ** implement.strength_exponent
+    if variation is not None:
+        strength *= variation.values
+    return Surface.of(ground)._replace(cone_indices=strength)
 
 
 @cached_njit(**KERNEL)
@@ -136,15 +153,16 @@ def tool_step(tools: Tools) -> None:
         arm = scale(-law.behind, ahead)
         arm = subtract(add(arm, scale(tools.offsets[point], left)), scale(drop, up))
         place = add(axle, arm)
-        height, cone_index = ground_below(tools.surface, place[0], place[1])
+        height, strength = ground_below(tools.surface, place[0], place[1])
         depth = max(0.0, height - place[2]) * up[2]
         point_velocity = add(velocity, cross(rotation, arm))
 
         report = record(tools.output[point], POINT)
         report.depth = depth
-        report.draft, report.side = _soil_forces(law, depth, cone_index, point_velocity, axes)
+        report.draft, report.side = _soil_forces(law, depth, strength, point_velocity, axes)
 
         on_point = subtract(scale(report.side, left), scale(report.draft, ahead))
+        on_point = subtract(on_point, scale(law.vertical * abs(report.draft), up))
         force = add(force, on_point)
         moment = add(moment, cross(subtract(place, mass_centre), on_point))
     apply_wrench(bodies, trailer, force, moment)
@@ -178,7 +196,7 @@ def _move_lift(tools: Tools, law: Any, speed: float) -> float:  # noqa: ANN401 -
 def _soil_forces(
     law: Any,  # noqa: ANN401 - a record `TOOL_LAW`
     depth: float,
-    cone_index: float,
+    strength: float,
     velocity: Vector,
     axes: tuple[Vector, Vector, Vector],
 ) -> tuple[float, float]:
@@ -187,7 +205,7 @@ def _soil_forces(
     Args:
         law: record `TOOL_LAW`.
         depth: of the point [m].
-        cone_index: of the soil [kPa].
+        strength: of the soil over that of usual soil.
         velocity: of the point [m/s].
         axes: of the trailer.
     """
@@ -198,7 +216,6 @@ def _soil_forces(
         along = dot(velocity, ahead)
         across = dot(velocity, left)
         speed = abs(along)
-        strength = (cone_index / law.background) ** law.exponent if law.exponent > 0.0 else 1.0
         bulk = depth * strength
 
         draft = bulk * (law.draft + (law.draft_speed + law.draft_square * speed) * speed)

@@ -1,8 +1,8 @@
 """Physics steps of a plant with soil wheels in one compiled call.
 
 `soil_steps` has the order of a step. Its parts: `actuation/actuators.py`, `wheels/tyre_kernel.py`,
-`vehicle/steering_coupling.py`, `implement/tool_kernel.py`, `truth_rows.py`, and `fast_mujoco` for
-MuJoCo's part.
+`vehicle/steering_coupling.py`, `implement/tool_kernel.py`, `vehicle/drive_limits.py`,
+`truth_rows.py`, and `fast_mujoco` for MuJoCo's part.
 """
 
 # mujoco fills its name space from compiled modules without type information
@@ -21,6 +21,7 @@ from ..implement.mounted import MountedImplement
 from ..implement.tool_kernel import Tools, tool_step
 from ..kernel_options import KERNEL
 from ..truth import TruthBlock
+from ..vehicle.drive_limits import DriveLimits, limit_drive
 from ..vehicle.steering_coupling import Coupling, couple_joints
 from ..wheels.tyre_kernel import WheelSet, wheel_step
 from ..wheels.wheel_models import SoilWheels
@@ -43,6 +44,7 @@ class Machine(NamedTuple):
 
     wheels: WheelSet
     coupling: Coupling
+    drive: DriveLimits
     dynamics: Dynamics
     contacts: ContactWatch
     state: State
@@ -83,6 +85,7 @@ def soil_steps(
             couple_joints(machine.coupling)
             if tools is not None:
                 tool_step(tools)
+            limit_drive(machine.drive)
 
             # forces -> acceleration, velocity, position -> all that follows from them
             move(dynamics, is_unconstrained(contacts))
@@ -112,6 +115,7 @@ def compiled_steps(
     wheels: SoilWheels,
     implement: MountedImplement | None,
     ground: Ground,
+    drive: DriveLimits,
     state: State,
 ) -> CompiledSteps | None:
     """Return the compiled steps of a plant, None where they are off or MuJoCo is another one."""
@@ -128,6 +132,7 @@ def compiled_steps(
     machine = Machine(
         wheels=wheels.kernel,
         coupling=wheels.coupling,
+        drive=drive,
         dynamics=Dynamics.of(model, data),
         contacts=ContactWatch.of(model, data, ground, flags),
         state=state,

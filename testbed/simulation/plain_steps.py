@@ -15,6 +15,7 @@ import mujoco
 from ..actuation.actuators import move_valves, put_set_points
 from ..implement.mounted import MountedImplement
 from ..truth import TruthBlock
+from ..vehicle.drive_limits import DriveLimits, limit_drive
 from ..wheels.wheel_models import WheelModel
 from .held_command import HeldCommand
 from .truth_rows import State, write_truth
@@ -28,6 +29,7 @@ class PlainSteps:
     data: mujoco.MjData
     wheels: WheelModel
     implement: MountedImplement | None
+    drive: DriveLimits
     state: State
 
     def __call__(
@@ -56,6 +58,7 @@ class PlainSteps:
                 self.wheels.step()
                 if self.implement:
                     self.implement.step()
+                limit_drive(self.drive)
 
                 mujoco.mj_step2(self.model, data)
                 if step == held.stride - 1:  # while contacts and their forces are of one step

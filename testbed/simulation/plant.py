@@ -17,12 +17,14 @@ from ttempc.types import Command, FloatArray
 from ..actuation.actuators import VALVE, Actuators, ActuatorSpecification, CommandPath
 from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
-from ..ground.soil import SoilMap
+from ..ground.soil import RandomField, SoilMap
 from ..ground.terrain import Terrain
 from ..implement.implement import Implement
 from ..implement.mounted import MountedImplement, draw_implement, frame_height
+from ..implement.tool_kernel import tool_surface
 from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Truth, TruthBlock, Wheels
 from ..vehicle.appearance import paint_ground
+from ..vehicle.drive_limits import DriveLimits, limit_drive
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
 from ..vehicle.vehicle_model import build_spec, level_model, physics_model
@@ -72,6 +74,7 @@ class Plant:
         timestep_s: of the physics.
         actuators: imperfections between a command and the servos; none by default.
         implement: on the trailer; none by default.
+        draft_variation: of the implement by place, `Implement.variation`; none by default.
 
     Raises:
         InvalidPlant: a setting is impossible.
@@ -88,6 +91,7 @@ class Plant:
         timestep_s: float = 0.002,
         actuators: ActuatorSpecification | None = None,
         implement: Implement | None = None,
+        draft_variation: RandomField | None = None,
     ) -> None:
         self.vehicle = vehicle
         self.terrain = terrain
@@ -105,7 +109,11 @@ class Plant:
         self.ground = Ground(terrain, soil.rasterised(terrain), soil.ruts)
         self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, self.wheel_law)
         self.implement = implement and MountedImplement(
-            implement, model, data, vehicle, self.ground, soil.background
+            implement,
+            model,
+            data,
+            vehicle,
+            tool_surface(implement, self.ground, soil.background, draft_variation),
         )
         rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
         self._state = State.of(model, data, self.wheels.output, rear_radius, self.implement)
@@ -113,11 +121,12 @@ class Plant:
         # from tractor and trailer point to their antennas, (2, 3) [m] bodies' frames
         self.lever_arms: FloatArray = model.site_pos[[places.antenna_t, places.antenna_i]]
 
-        self._plain = PlainSteps(model, data, self.wheels, self.implement, self._state)
+        drive = self._drive = DriveLimits.of(model, data, vehicle)
+        self._plain = PlainSteps(model, data, self.wheels, self.implement, drive, self._state)
         self._steps: PlainSteps | CompiledSteps = self._plain
         if type(self.wheels) is SoilWheels:  # a subclass may step in a way of its own
             compiled = compiled_steps(
-                model, data, self.wheels, self.implement, self.ground, self._state
+                model, data, self.wheels, self.implement, self.ground, drive, self._state
             )
             self._steps = compiled or self._plain
 
@@ -374,6 +383,7 @@ class Plant:
         data.act[self._hydrostat] = hp
         data.ctrl[:] = 0.0, 0.0, hp  # the set points of the present speed, until the first command
         self._valves = self.actuators.start(hp)
+        limit_drive(self._drive)
 
 
 def check_standing(

@@ -66,6 +66,9 @@ def put_servos(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None
     hydrostat.gainprm[0] = damping * wheel_speed
     hydrostat.biasprm[2] = -damping
     hydrostat.forcerange = [-torque, torque]
+    differential = spec.tendon("differential")  # limited further by `drive_limits`
+    differential.actfrclimited = True
+    differential.actfrcrange = [-torque, torque]
 
 
 def _put_steering(

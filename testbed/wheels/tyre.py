@@ -13,10 +13,24 @@ from ttempc.types import FloatArray
 from ..ground.terrain import Terrain
 from .soil_law import SoilLaw
 
-# The fan of look-ups: angles from straight down, denser in the contact area at rated deflection;
-# each weight is the arc of its look-up. Columns across the section width.
-FAN_ANGLES: Final = np.radians([-36.0, -18.0, -8.0, 0.0, 8.0, 18.0, 36.0])  # (7,)
-FAN_ARCS: Final = np.array([9.0, 14.0, 9.0, 8.0, 9.0, 14.0, 9.0]) / 72.0  # (7,) sum 1
+# The fan of look-ups: each stands for an arc of the rim, with its share of the fan. Below level
+# ground the depths of an arc's points are those of its look-up +- `FAN_SPREADS`. Columns across the
+# section width.
+_ARC_ENDS: Final = np.radians([0.0, 4.0, 13.0, 27.0, 40.0])  # from straight down, to both sides
+_MEAN_COSINES: Final = 0.5 * (np.cos(_ARC_ENDS[2:]) + np.cos(_ARC_ENDS[1:-1]))  # (3,)
+_SIDE_ANGLES: Final = np.arccos(_MEAN_COSINES)
+_SIDE_ARCS: Final = np.diff(_ARC_ENDS)[1:]
+_SIDE_SPREADS: Final = 0.5 * (np.cos(_ARC_ENDS[1:-1]) - np.cos(_ARC_ENDS[2:]))
+_LOWEST_ARC: Final = 2.0 * _ARC_ENDS[1]
+_LOWEST_SPREAD: Final = 0.5 * (1.0 - np.cos(_ARC_ENDS[1]))
+
+FAN_ANGLES: Final = np.concatenate([-_SIDE_ANGLES[::-1], [0.0], _SIDE_ANGLES])  # (7,) [rad]
+FAN_ARCS: Final = np.concatenate([_SIDE_ARCS[::-1], [_LOWEST_ARC], _SIDE_ARCS]) / (
+    2.0 * _ARC_ENDS[-1]
+)  # (7,) sum 1
+FAN_SPREADS: Final = np.concatenate(
+    [_SIDE_SPREADS[::-1], [_LOWEST_SPREAD], _SIDE_SPREADS]
+)  # (7,) over the radius
 FAN_COLUMNS: Final = np.array([-1.0, 0.0, 1.0]) / 3.0  # (3,) of the section width
 
 SMALLEST_LOAD: Final = 50.0  # [N] floor of the load in divisions
@@ -54,7 +68,8 @@ class Tyres:
         """Winkler stiffness [N/m] that gives rated load at rated deflection, (n,)."""
         deflection = self.relative_deflection * self.section_height  # (n,)
         rise = self.radius[:, None] * (1.0 - np.cos(FAN_ANGLES))  # (n, 7) over the lowest point
-        depth = np.maximum(0.0, deflection[:, None] - rise) @ FAN_ARCS  # (n,)
+        spread = self.radius[:, None] * FAN_SPREADS
+        depth = depth_of_arc(deflection[:, None] - rise, spread) @ FAN_ARCS  # (n,)
         return self.rated_load / depth
 
     def mobility_areas(self, law: SoilLaw) -> FloatArray:
@@ -110,13 +125,29 @@ def mobility(
     return pressure * bn, pressure * m
 
 
+def depth_of_arc(depth: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return the mean over an arc of the depth of its points below the ground, none below 0 [m].
+
+    With the depth d of its look-up and the spread e it is (d + e)^2 / 4 e where a part of the arc
+    touches the ground, so that a tyre has a stiffness without steps.
+
+    Args:
+        depth: of the look-up [m].
+        spread: by which the arc's points lie deeper or higher [m].
+    """
+    touching = np.clip(depth + spread, 0.0, 2.0 * spread)
+    return touching**2 / (4.0 * spread) + np.maximum(0.0, depth - spread)
+
+
 def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
     """Return the normal contact of a disc with a Winkler bed.
 
-    The elastic force is minus the gradient of the energy sum(k w d^2 / 2) over the fan, with d the
-    depth of each point below the ground. It is therefore conservative on rough ground. Its
-    direction is the normal. Damping after Hunt and Crossley (1975) is proportional to the force,
-    so that the load neither jumps at touch-down nor becomes negative.
+    The elastic force is minus the gradient of the energy of the bed, sum(k w E(d)) over the fan,
+    with d the depth of each point below the ground and dE/dd that of its arc, `depth_of_arc`. It is
+    therefore conservative on rough ground. Its direction is the normal. On level ground it grows
+    with the deflection to the power of 1.5, as of a bed under a whole disc. Damping after Hunt and
+    Crossley (1975) is proportional to the force, so that the load neither jumps at touch-down nor
+    becomes negative.
     """
     vertical = np.array([0.0, 0.0, 1.0])
     up = vertical - motion.axle[:, 2:] * motion.axle  # (n, 3) in the disc
@@ -130,7 +161,9 @@ def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
         + (tyres.width[:, None] * FAN_COLUMNS)[:, None, :, None] * motion.axle[:, None, None]
     )
     height, slope_x, slope_y = _surface(terrain, points[..., 0], points[..., 1])  # (n, 7, 3)
-    depth = np.maximum(0.0, height - points[..., 2]) * (upright > LEAST_UPRIGHT)[:, None, None]
+    spread = (tyres.radius[:, None] * FAN_SPREADS)[:, :, None]  # (n, 7, 1)
+    depth = depth_of_arc(height - points[..., 2], spread)  # (n, 7, 3)
+    depth = depth * (upright > LEAST_UPRIGHT)[:, None, None]
     pressure = depth * FAN_ARCS[:, None] / FAN_COLUMNS.size  # (n, 7, 3)
     gradient = np.stack([-slope_x, -slope_y, np.ones_like(height)], axis=-1)
     elastic = tyres.stiffness[:, None] * np.einsum("nij,nijk->nk", pressure, gradient)  # (n, 3)

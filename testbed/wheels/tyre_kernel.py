@@ -48,6 +48,7 @@ TREAD: Final = np.dtype([("along", np.float64), ("across", np.float64), ("rollin
 _SIN: Final = tuple(np.sin(tyre.FAN_ANGLES).tolist())
 _COS: Final = tuple(np.cos(tyre.FAN_ANGLES).tolist())
 _ARCS: Final = tuple((tyre.FAN_ARCS / tyre.FAN_COLUMNS.size).tolist())
+_SPREADS: Final = tuple(tyre.FAN_SPREADS.tolist())
 _COLUMNS: Final = tuple(tyre.FAN_COLUMNS.tolist())
 _SMALLEST_LOAD: Final = tyre.SMALLEST_LOAD
 _SMALL_SPEED: Final = tyre.SMALL_SPEED
@@ -114,6 +115,14 @@ def _disc_axes(axle: Vector) -> tuple[Vector, Vector, float]:
 
 
 @_inlined
+def _depth_of_arc(touching: float, spread: float) -> float:
+    """Return `tyre.depth_of_arc` of the depth of an arc's deepest point, above 0 [m]."""
+    if touching < 2.0 * spread:
+        return touching * touching / (4.0 * spread)
+    return touching - spread
+
+
+@_inlined
 def _contact_patch(
     surface: Surface,
     centre: Vector,
@@ -149,6 +158,7 @@ def _contact_patch(
         for angle in range(len(_SIN)):
             forward = radius * _SIN[angle]
             upward = -radius * _COS[angle]
+            spread = radius * _SPREADS[angle]
             spoke = add(scale(forward, ahead), scale(upward, up))
             for column in range(len(_COLUMNS)):
                 point = add(spoke, scale(_COLUMNS[column] * width, axle))
@@ -177,8 +187,9 @@ def _contact_patch(
                 rise = north_west + p * north_rise - south
                 height = south + q * rise - centre[2]
 
-                if height > point[2]:
-                    part = (height - point[2]) * _ARCS[angle]
+                touching = height - point[2] + spread
+                if touching > 0.0:
+                    part = _depth_of_arc(touching, spread) * _ARCS[angle]
                     depth += part
                     gradient_u -= part * (south_rise + q * (north_rise - south_rise))
                     gradient_v -= part * rise

@@ -43,6 +43,15 @@ def test_the_wheels_pull_motion_resistance_and_draft():
     assert truth.tool.distance == pytest.approx(truth.trailer.x + 20.0 + 2.4, abs=0.02)
 
 
+def test_the_pull_of_the_soil_loads_the_wheels():
+    """The wheels carry the weight and 0.5 of the draft, most of it at the trailer."""
+    _, light = drive(seconds=10.0, vertical_share=0.0)
+    _, heavy = drive(seconds=10.0, vertical_share=0.5)
+    more = heavy.wheels.load - light.wheels.load
+    assert more.sum() == pytest.approx(0.5 * heavy.tool.draft.sum(), rel=0.02)
+    assert more[4:].sum() > more.sum()  # behind the axle: it lifts the hitch
+
+
 def test_a_raised_implement_changes_no_bit():
     def run(implement):
         plant = plant_on(rough("B", np.random.default_rng(3), (30.0, 20.0)), implement=implement)

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from proving_ground.testbed.bodies import Bodies
 from proving_ground.testbed.ground.ground import Ground
-from proving_ground.testbed.ground.surface import Surface
 from proving_ground.testbed.ground.terrain import flat, rough
 from proving_ground.testbed.implement.implement import POINTS, Implement
-from proving_ground.testbed.implement.tool_kernel import ToolLaw, Tools, tool_step
+from proving_ground.testbed.implement.tool_kernel import ToolLaw, Tools, tool_step, tool_surface
 
 FRAME, DT = 0.3, 0.002
 LEVEL = flat((20.0, 20.0))
@@ -28,7 +27,7 @@ def turn(yaw, pitch=0.0, roll=0.0):
 
 
 def act(tool, velocity, rotation=(0.0, 0.0, 0.0), *, axes=None, height=FRAME, xy=(0.0, 0.0),
-        ground=FIRM, lowered=1.0, distance=0.0):  # fmt: skip
+        ground=FIRM, lowered=1.0, distance=0.0, variation=None):  # fmt: skip
     """Return depth, draft and side force of the points, total force, moment about the axle."""
     axes = turn(0.0) if axes is None else axes
     axle, velocity, rotation = np.array([*xy, height]), np.array(velocity), np.array(rotation)
@@ -43,10 +42,10 @@ def act(tool, velocity, rotation=(0.0, 0.0, 0.0), *, axes=None, height=FRAME, xy
         wrenches=np.zeros((2, 6)),
     )
     tools = Tools(
-        law=ToolLaw.of(tool, FRAME, 600.0).row(),
+        law=ToolLaw.of(tool, FRAME).row(),
         offsets=tool.offsets,
         work=np.array(tool.work_m).reshape(-1, 2),
-        surface=Surface.of(ground),
+        surface=tool_surface(tool, ground, 600.0, variation),
         bodies=bodies,
         trailer=1,
         lift=np.array([lowered, distance]),
@@ -69,7 +68,7 @@ def test_it_never_gives_energy_and_rests_without_force():
     worked = 0
     for _ in range(300):
         state = act(
-            Implement(depth_m=0.1, strength_exponent=1.3),
+            Implement(depth_m=0.1, strength_exponent=1.3, vertical_share=0.0),
             rng.normal(0.0, 1.0, 3),
             rng.normal(0.0, 0.3, 3),
             axes=turn(rng.uniform(-3.0, 3.0), *rng.uniform(-0.1, 0.1, 2)),
@@ -92,8 +91,35 @@ def test_draft_on_level_ground_is_that_of_the_standard(kind):
     for speed in (0.7, 1.0, 3.0, -1.0):
         state, draft = act(tool, speed * ahead, axes=turn(yaw)), tool.draft(abs(speed))
         assert state.draft.sum() == pytest.approx(math.copysign(draft, speed), rel=1e-5)
-        assert state.force == pytest.approx(-state.draft.sum() * ahead)
+        assert state.force[:2] == pytest.approx(-state.draft.sum() * ahead[:2])
         assert state.depth == pytest.approx(tool.depth_m)
+
+
+def test_tools_are_pulled_down_and_disks_pushed_up_by_a_share_of_the_draft():
+    for settings, share in (
+        ({"type": "field-cultivator"}, 0.2),
+        ({"type": "disk-harrow"}, -0.5),
+        ({"vertical_share": 0.35}, 0.35),
+    ):
+        tool = Implement(**settings)
+        for speed in (2.0, -1.0):
+            state = act(tool, (speed, 0.0, 0.0))
+            assert state.force[2] == pytest.approx(-share * tool.draft(abs(speed)), rel=1e-6)
+
+
+def test_draft_by_place_has_its_mean_and_coefficient_of_variation():
+    """And the draft of the standard times the field's own factor where it does not vary."""
+    tool = Implement(draft_cv=0.2, draft_correlation_m=0.5, draft_factor=1.3)
+    variation = tool.variation(np.random.default_rng(8), LEVEL)
+    places = np.random.default_rng(9).uniform(-9.0, 9.0, (400, 2))
+    draft = np.array(
+        [act(tool, (1.0, 0.0, 0.0), xy=xy, variation=variation).draft[0] for xy in places]
+    )
+    usual = act(tool, (1.0, 0.0, 0.0)).draft[0]
+    assert usual == pytest.approx(1.3 * act(Implement(), (1.0, 0.0, 0.0)).draft[0])
+    assert draft.mean() == pytest.approx(usual, rel=0.04)
+    assert draft.std() == pytest.approx(0.2 * usual, rel=0.15)
+    assert Implement(draft_cv=0.0).variation(np.random.default_rng(8), LEVEL) is None
 
 
 def test_side_force_is_stiffness_times_slip_angle_up_to_its_limit():
@@ -107,7 +133,7 @@ def test_side_force_is_stiffness_times_slip_angle_up_to_its_limit():
 
 
 def test_a_rolled_trailer_works_deeper_on_one_side_and_forces_act_at_the_points():
-    roll, tool = 0.02, Implement()  # left side up
+    roll, tool = 0.02, Implement(vertical_share=0.0)  # left side up
     state = act(tool, (1.0, 0.0, 0.0), axes=turn(0.0, 0.0, roll))
     across = tool.offsets[-1] - tool.offsets[0]
     assert state.depth[0] - state.depth[-1] == pytest.approx(across * math.sin(roll), rel=1e-3)

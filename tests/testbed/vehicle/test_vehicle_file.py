@@ -135,3 +135,37 @@ def test_a_drive_quicker_than_its_own_tyres_is_refused():
     hydrostat = dataclasses.replace(vehicle.hydrostat, time_constant_s=0.05)
     with pytest.raises(InvalidPlant, match="wheels and tyres alone take"):
         drive_servo(dataclasses.replace(vehicle, hydrostat=hydrostat), SoilLaw())
+
+
+def with_pressure(wheel, pressure_bar, age_years=0.0):
+    return dataclasses.replace(wheel, pressure_bar=pressure_bar, age_years=age_years)
+
+
+def test_pressure_and_age_give_the_stiffness_of_lines_and_murphy():
+    """16.9R34 at 1.2 bar: 172 - 1.77 x 34 + 0.34 x 16.9 x 34 x 1.2 = 346 kN/m; 5 years: + 28.
+
+    The deflection at 16 kN is 1.5 x 16 / 346 = 69.4 mm of 358 mm.
+    """
+    rear = read_vehicle("farm4500").rear_wheel
+    assert with_pressure(rear, 1.2).relative_deflection == pytest.approx(0.1937, rel=2e-3)
+    ratio = with_pressure(rear, 1.2, 5.0).relative_deflection
+    assert ratio == pytest.approx(1.5 * 16.0 / 374.2 / 0.358, rel=2e-3)
+    assert with_pressure(rear, 2.4).relative_deflection < 0.7 * rear.relative_deflection
+    with pytest.raises(ValueError, match=r"pressure_bar 0\.01"):
+        with_pressure(dataclasses.replace(rear, rated_load_n=60000.0), 0.01)
+    with pytest.raises(ValueError, match="pressure_bar"):
+        dataclasses.replace(rear, relative_deflection=None)
+
+
+def test_pressure_stiffens_a_tyre_as_measured_elsewhere():
+    """495/70R24 under 15.7 kN (Keen, EAEC01): 328 kN/m at 1 bar, 645 at 3; within 15 %."""
+    wheel = dataclasses.replace(
+        read_vehicle("farm4500").rear_wheel,
+        radius_m=0.3048 + 0.3465,
+        width_m=0.495,
+        section_height_m=0.3465,
+        rated_load_n=15700.0,
+    )
+    for pressure_bar, published in ((1.0, 328e3), (3.0, 645e3)):
+        deflection = 0.3465 * with_pressure(wheel, pressure_bar).relative_deflection
+        assert 1.5 * 15700.0 / deflection == pytest.approx(published, rel=0.15)

@@ -108,6 +108,22 @@ def test_rated_load_gives_rated_deflection(tyres):
         assert deflection == pytest.approx(rated, abs=1e-6)
 
 
+def test_load_grows_with_deflection_as_of_a_winkler_bed_without_steps(tyres):
+    """W ~ deflection^1.5 within 5 % from half to twice the rated load; no jump of the stiffness."""
+    single = one(tyres)
+    rated = single.relative_deflection[0] * single.section_height[0]
+    deflections = np.linspace(0.25, 1.7, 400) * rated
+    stands = [
+        motion([0, 0, single.radius[0] - d], [0, 1, 0], [0, 0, 0], [0, 0, 0]) for d in deflections
+    ]
+    load = np.array([tyre.contact(single, FLAT, stand).load[0] for stand in stands])
+    usual = load > 0.5 * single.rated_load[0]
+    winkler = single.rated_load[0] * (deflections / rated) ** 1.5
+    np.testing.assert_allclose(load[usual], winkler[usual], rtol=0.05)
+    stiffness = np.diff(load)
+    assert (stiffness[1:] / stiffness[:-1]).max() < 1.02
+
+
 def test_elastic_contact_makes_no_energy(tyres):
     """The undamped force is a gradient: no work over any closed path, turned and lifted as well."""
     single = one(tyres)
