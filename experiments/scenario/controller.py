@@ -107,6 +107,7 @@ class NoiseSettings:
             antenna_height_i=self.antenna_height_i_m,
             attitude=max(math.radians(sensors.imu.angle_sd_deg), _MIN_SD),
             attitude_bias=max(math.radians(sensors.imu.angle_bias_sd_deg), _MIN_SD),
+            velocity_wander=max(sensors.gnss_velocity_wander_mps, _MIN_SD),
             others=tuple(
                 (sensor, max(plain.sd, _MIN_SD))
                 for sensor, plain in sensors.plain_sensors.items()

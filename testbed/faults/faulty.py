@@ -42,7 +42,7 @@ class SampleFaults:
             filters = {}
             for sensor in sensors_of(fault):
                 rng = generator(seed, f"fault {number} {fault.kind} {sensor}")
-                run = Sampling(window, specification, timestep, rng)
+                run = Sampling(window, specification, sensor, timestep, rng)
                 filters[NUMBER[sensor]] = fault.row.effect(fault, run)
             self._chain.append((window, filters))
 

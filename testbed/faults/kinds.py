@@ -16,8 +16,8 @@ import numpy as np
 from pydantic import Field
 
 from ttempc.layout import SAMPLE, SampleColumn
-from ttempc.sensors import SensorKind, sensors_of_kind
-from ttempc.types import Command, FloatArray, Sensor
+from ttempc.sensors import ROW_OF, SensorKind, sensors_of_kind
+from ttempc.types import Command, FloatArray, ReceiverStatus, Sensor
 
 from ..actuation.actuators import past_backlash
 from ..configuration.config_io import (
@@ -66,6 +66,7 @@ _MEMORY = Key("correlation_time_s", Positive, "Correlation time of that error; a
 _SIDE = Key("side", Literal["left", "right"], "Sign of the angle at the stop: left is positive.")
 _PART = Annotated[float, Field(gt=0, le=1)]
 _BODIES = Literal["tractor", "trailer"]
+_IMU = Key("body", Literal["both", "tractor", "trailer"], "Body on which the IMU is.", "both")
 
 # --- samples: between those that a sensor takes and those that the estimator gets -----------------
 
@@ -83,12 +84,12 @@ _DUE: Final = SAMPLE
 
 _GNSS: Final = sensors_of_kind(SensorKind.POSITION)
 _ANGLES: Final = sensors_of_kind(SensorKind.ANGLE)
+_VELOCITIES: Final = sensors_of_kind(SensorKind.VELOCITY)
+_RECEIVERS: Final = (*_GNSS, *_VELOCITIES, *sensors_of_kind(SensorKind.RECEIVER))
+_IMUS: Final = sensors_of_kind(SensorKind.INERTIAL)
 _SETS: Final = {
-    "both": _GNSS,
-    "tractor": _GNSS[:1],
-    "trailer": _GNSS[1:],
-    "all": (*_GNSS, *_ANGLES, Sensor.ENCODER),
-    "gnss": _GNSS,
+    "all": (*_RECEIVERS, *_ANGLES, Sensor.ENCODER),
+    "gnss": _RECEIVERS,
     "angles": _ANGLES,
     "encoder": (Sensor.ENCODER,),
 }
@@ -98,12 +99,29 @@ def sensors_of(fault: Made) -> tuple[Sensor, ...]:
     """Return the sensors whose samples a fault changes."""
     if fault.row.on != "samples":
         return ()
-    if fault.kind == "gyro_bias":
-        return (Sensor(f"imu_{fault.body}"),)
+    if fault.kind.startswith("gyro"):
+        return _of_body(_IMUS, fault.body)
     if hasattr(fault, "sensor"):
         return (Sensor(fault.sensor),)
-    fixed = "encoder" if fault.kind.startswith("encoder") else "both"
-    return _SETS[getattr(fault, "receiver", getattr(fault, "group", fixed))]
+    if hasattr(fault, "receiver"):
+        return _of_body(_CONCERNED.get(fault.kind, _GNSS), fault.receiver)
+    fixed = "encoder" if fault.kind.startswith("encoder") else "gnss"
+    return _SETS[getattr(fault, "group", fixed)]
+
+
+_CONCERNED: Final = {
+    "gnss_out": _RECEIVERS,
+    "gnss_frozen": _RECEIVERS,
+    "gnss_late": _RECEIVERS,
+    "gnss_held": (*_GNSS, *_VELOCITIES),
+    "gnss_warning": sensors_of_kind(SensorKind.RECEIVER),
+}
+"""Sensors of faults of a receiver that do not act on its positions alone."""
+
+
+def _of_body(sensors: tuple[Sensor, ...], body: str) -> tuple[Sensor, ...]:
+    """Return the sensors of a body, "tractor" or "trailer", or of both."""
+    return tuple(sensor for sensor in sensors if body == "both" or sensor.endswith(body))
 
 
 def refusal(fault: Fault, window: Window, context: FaultContext) -> str:
@@ -126,6 +144,7 @@ class Sampling(NamedTuple):
 
     window: Window
     specification: SensorSpecification
+    sensor: Sensor
     timestep: float  # physics step [s]
     rng: np.random.Generator  # of this fault and sensor alone
 
@@ -176,6 +195,193 @@ def _jump(fault: Made, run: Sampling) -> SampleFilter:
 def _drift(fault: Made, run: Sampling) -> SampleFilter:
     begin = run.window.start_s
     return _added(lambda t: _vectors(fault.rate_mps * (t - begin), fault.direction_deg))
+
+
+def _stairs(fault: Made, run: Sampling) -> SampleFilter:
+    def offset(times_s: FloatArray) -> FloatArray:
+        steps = 1.0 + np.floor((times_s - run.window.start_s) / fault.every_s)
+        return _vectors(fault.rise_m * steps, fault.direction_deg)
+
+    return _added(offset)
+
+
+def _sine(fault: Made, run: Sampling) -> SampleFilter:
+    rate = math.tau / fault.period_s
+    begin = run.window.start_s
+    return _added(
+        lambda t: _vectors(fault.amplitude_m * np.sin(rate * (t - begin)), fault.direction_deg)
+    )
+
+
+def _accelerating(fault: Made, run: Sampling) -> SampleFilter:
+    begin = run.window.start_s
+    return _added(
+        lambda t: _vectors(0.5 * fault.acceleration_mps2 * (t - begin) ** 2, fault.direction_deg)
+    )
+
+
+def _rotation(fault: Made, run: Sampling) -> SampleFilter:
+    """Return the filter that turns positions about the origin of the map."""
+    begin = run.window.start_s
+    rate = math.radians(fault.rate_degps)
+
+    def changed(samples: FloatArray) -> FloatArray:
+        turned = rate * (samples[:, _TIME] - begin)
+        x = samples[:, SampleColumn.FIRST].copy()
+        y = samples[:, SampleColumn.SECOND].copy()
+        samples[:, SampleColumn.FIRST] = np.cos(turned) * x - np.sin(turned) * y
+        samples[:, SampleColumn.SECOND] = np.sin(turned) * x + np.cos(turned) * y
+        return samples
+
+    return changed
+
+
+class _Recent:
+    """Places of a receiver in the last seconds, from which it knows whether it moves."""
+
+    def __init__(self) -> None:
+        self._known: list[tuple[float, FloatArray]] = []
+
+    def speed(self, time_s: float, place: FloatArray) -> float:
+        """Return the mean speed of the last two seconds with a new place [m/s]."""
+        self._known.append((time_s, place.copy()))
+        while time_s - self._known[0][0] > _RECENT_S:
+            self._known.pop(0)
+        first_s, first = self._known[0]
+        if time_s <= first_s:
+            return math.inf
+        return float(np.linalg.norm(place - first)) / (time_s - first_s)
+
+
+_RECENT_S: Final = 2.0
+
+
+def _moving_drift(fault: Made, run: Sampling) -> SampleFilter:
+    """Return the filter whose drift grows only while the receiver moves."""
+    recent = _Recent()
+    state = {"time_s": run.window.start_s, "offset_m": 0.0}
+
+    def changed(samples: FloatArray) -> FloatArray:
+        for row in samples:
+            place = row[SampleColumn.FIRST : SampleColumn.THIRD]
+            moves = recent.speed(float(row[_TIME]), place) > fault.speed_mps
+            if moves:
+                state["offset_m"] += fault.rate_mps * (row[_TIME] - state["time_s"])
+            state["time_s"] = float(row[_TIME])
+            place += _vectors(np.array([state["offset_m"]]), fault.direction_deg)[0]
+        return samples
+
+    return changed
+
+
+def _held(fault: Made, run: Sampling) -> SampleFilter:
+    """Return the filter of a receiver that holds its position, and a velocity of 0, at rest."""
+    recent = _Recent()
+    holds: list[FloatArray] = []
+    is_velocity = run.sensor in _VELOCITIES
+
+    def changed(samples: FloatArray) -> FloatArray:
+        for row in samples:
+            value = row[SampleColumn.FIRST : SampleColumn.THIRD]
+            if is_velocity:
+                if np.linalg.norm(value) < fault.speed_mps:
+                    value[:] = 0.0
+            elif recent.speed(float(row[_TIME]), value) < fault.speed_mps:
+                holds[:] = holds or [value.copy()]
+                value[:] = holds[0] + _HELD_NOISE_M * run.rng.standard_normal(2)
+            else:
+                holds.clear()
+        return samples
+
+    return changed
+
+
+_HELD_NOISE_M: Final = 0.001  # that a receiver leaves on a position that it holds; assumed
+
+
+def _warning(fault: Made, run: Sampling) -> SampleFilter:
+    status = ReceiverStatus(
+        dead_reckoning=fault.warning == "dead_reckoning",
+        spoofed=fault.warning == "spoofed",
+        jammed=fault.warning == "jammed",
+        correction_age_s=fault.correction_age_s,
+        protection_m=fault.protection_m,
+    )
+
+    def changed(samples: FloatArray) -> FloatArray:
+        samples[:, _VALUE] = status.value
+        return samples
+
+    return changed
+
+
+def _no_status(fault: Made, context: FaultContext) -> str:
+    return "" if context.sensors.gnss_status else "sensors.gnss_status is false"
+
+
+def _ageing(fault: Made, run: Sampling) -> SampleFilter:
+    """Return the filter of samples that arrive ever later, stamped as they arrive."""
+    begin = run.window.start_s
+
+    def changed(samples: FloatArray) -> FloatArray:
+        share = np.minimum((samples[:, _TIME] - begin) / fault.over_s, 1.0)
+        late_s = fault.first_s + share * (fault.last_s - fault.first_s)
+        steps = np.round(late_s / run.timestep)
+        samples[:, _DUE] += steps
+        samples[:, _TIME] += steps * run.timestep
+        return samples
+
+    return changed
+
+
+def _noisier(fault: Made, run: Sampling) -> SampleFilter:
+    """Return the filter that multiplies the white noise of a sensor, with more of the same."""
+    sd = _white_sd(run.specification, run.sensor)
+    added = sd * math.sqrt(fault.factor**2 - 1.0)
+
+    def changed(samples: FloatArray) -> FloatArray:
+        size = len(added)
+        noise = added * run.rng.standard_normal((len(samples), size))
+        samples[:, SampleColumn.FIRST : SampleColumn.FIRST + size] += noise
+        return samples
+
+    return changed
+
+
+def _white_sd(of: SensorSpecification, sensor: Sensor) -> FloatArray:
+    """Return the standard deviations that a sensor is said to have, none of a status."""
+    match ROW_OF[sensor].kind:
+        case SensorKind.POSITION:
+            return np.full(2, of.gnss_sd_m)
+        case SensorKind.VELOCITY:
+            return np.full(2, of.gnss_velocity_sd_mps)
+        case SensorKind.INERTIAL | SensorKind.RECEIVER:
+            return np.zeros(0)
+        case _:
+            return np.array([of.plain_sensors[sensor].sd])
+
+
+def _gyro_ramp(fault: Made, run: Sampling) -> SampleFilter:
+    rate = math.radians(fault.rate_degps2)
+    begin = run.window.start_s
+    return _added(lambda t: rate * (t - begin)[:, None])
+
+
+def _gyro_swapped(fault: Made, run: Sampling) -> SampleFilter:
+    """Return the filter that gives the rate of another axis, which turns by roll or pitch."""
+    column = {"roll": SampleColumn.SECOND, "pitch": SampleColumn.THIRD}[fault.axis]
+    last: list[FloatArray] = []
+
+    def changed(samples: FloatArray) -> FloatArray:
+        for row in samples:
+            before = last[0] if last else row
+            span_s = row[_TIME] - before[_TIME]
+            turned = row[column] - before[column]
+            last[:] = [row.copy()]
+            row[SampleColumn.FIRST] = turned / span_s if span_s > 0.0 else 0.0
+        return samples
+
+    return changed
 
 
 def _outlier(fault: Made, run: Sampling) -> SampleFilter:
@@ -404,6 +610,33 @@ _TABLE: Final = (
     Row("gnss_drift", "samples", "An offset of the positions grows at a constant rate.",
         (_RECEIVER, Key("rate_mps", Positive, "Rate at which the offset grows."), _DIRECTION),
         _drift),
+    Row("gnss_stairs", "samples", "An offset of the positions grows by steps.",
+        (_RECEIVER, Key("rise_m", Positive, "Height of a step."),
+         Key("every_s", Positive, "Time from step to step."), _DIRECTION), _stairs),
+    Row("gnss_sine", "samples", "An offset of the positions swings.",
+        (_RECEIVER, Key("amplitude_m", Positive, "Amplitude."),
+         Key("period_s", Positive, "Period."), _DIRECTION), _sine),
+    Row("gnss_accelerating", "samples", "An offset of the positions grows faster and faster.",
+        (_RECEIVER, Key("acceleration_mps2", Positive, "Acceleration of the offset."), _DIRECTION),
+        _accelerating),
+    Row("gnss_rotation", "samples", "The positions turn about the origin of the map.",
+        (_RECEIVER, Key("rate_degps", Signed, "Rate of the turn.")), _rotation),
+    Row("gnss_moving_drift", "samples",
+        "An offset of the positions grows at a constant rate while the receiver moves.",
+        (_RECEIVER, Key("rate_mps", Positive, "Rate at which the offset grows."), _DIRECTION,
+         Key("speed_mps", Positive, "Speed below which it does not; assumed.", 0.06)),
+        _moving_drift),
+    Row("gnss_held", "samples",
+        "A receiver holds its position, and a velocity of 0, while it takes itself for at rest.",
+        (_RECEIVER, Key("speed_mps", Positive, "Speed below which it does; assumed.", 0.06)),
+        _held),
+    Row("gnss_warning", "samples", "A receiver warns in its status.",
+        (_RECEIVER,
+         Key("warning", Literal["none", "dead_reckoning", "spoofed", "jammed"], "Its warning.",
+             "none"),
+         Key("correction_age_s", NotNegative, "Age of the corrections; 0: not stated.", 0.0),
+         Key("protection_m", NotNegative, "Protection level; 0: not stated.", 0.0)),
+        _warning, _no_status),
     Row("gnss_outlier", "samples",
         "Single positions are off by a vector of constant length and random direction.",
         (_RECEIVER, _OFFSET, _SHARE), _outlier),
@@ -416,7 +649,7 @@ _TABLE: Final = (
         lambda f, run: _column(_DUE, lambda due: due + round(f.delay_s / run.timestep))),
     Row("antennas_swapped", "samples",
         "Each receiver's samples come under the name of the other one.",
-        (), lambda f, run: _column(_INDEX, lambda index: 1.0 - index)),
+        (), lambda f, run: _column(_INDEX, lambda index: index + 1.0 - 2.0 * (index % 2.0))),
     Row("angle_stuck", "samples", "An angle sensor repeats its first reading.",
         (_SENSOR,), _frozen),
     Row("angle_bias", "samples", "An angle sensor reads too much by a constant.",
@@ -426,16 +659,35 @@ _TABLE: Final = (
         (_SENSOR, Key("rate_degps", Signed, "Rate at which the error grows.")), _angle_drift),
     Row("angle_noise", "samples", "White noise is added to an angle sensor.",
         (_SENSOR, Key("sd_deg", Positive, "Standard deviation of the added error.")), _noise),
+    Row("angle_scaled", "samples", "An angle sensor reads a multiple of the angle.",
+        (_SENSOR, Key("factor", Signed, "Factor on a reading.")),
+        lambda f, run: _column(2, lambda value: f.factor * value)),
     Row("gyro_bias", "samples", "The yaw rate of an IMU is too large by a constant.",
-        (Key("body", _BODIES, "Body on which the IMU is."),
+        (_IMU,
          Key("bias_degps", Signed, "What is added to a yaw rate.")),
         lambda f, run: _constant(math.radians(f.bias_degps)), _no_imu),
+    Row("gyro_ramp", "samples", "The error of the yaw rate of an IMU grows at a constant rate.",
+        (_IMU, Key("rate_degps2", Signed, "Rate at which the error grows.")), _gyro_ramp, _no_imu),
+    Row("gyro_scaled", "samples", "The yaw rate of an IMU is a multiple of the true one.",
+        (_IMU, Key("factor", Signed, "Factor on a yaw rate.")),
+        lambda f, run: _column(2, lambda value: f.factor * value), _no_imu),
+    Row("gyro_swapped", "samples", "An IMU is mounted on its side: its yaw rate is another axis's.",
+        (_IMU, Key("axis", Literal["roll", "pitch"], "Axis whose rate it gives.")),
+        _gyro_swapped, _no_imu),
     Row("encoder_dead", "samples", "The speed encoder reads 0.",
         (), lambda f, run: _column(2, lambda value: 0.0)),
     Row("encoder_scaled", "samples",
         "The speed encoder reads a multiple of the speed: 2 doubled, -1 reversed.",
         (Key("factor", Signed, "Factor on a reading."),),
         lambda f, run: _column(2, lambda value: f.factor * value)),
+    Row("samples_ageing", "samples",
+        "Samples arrive later and later, and are stamped as they arrive.",
+        (_GROUP, Key("first_s", NotNegative, "Further time from sampling to delivery at first."),
+         Key("last_s", Positive, "The same at last."),
+         Key("over_s", Positive, "Time in which it grows from one to the other.")), _ageing),
+    Row("samples_noisier", "samples", "The white noise of sensors grows.",
+        (_GROUP, Key("factor", Annotated[float, Field(gt=1, le=1000)],
+                     "Factor on its standard deviation.")), _noisier),
     Row("samples_duplicated", "samples", "Each sample arrives twice.",
         (_GROUP,), lambda f, run: lambda samples: np.repeat(samples, 2, axis=0)),
     Row("stamps_backward", "samples", "Time stamps run backward from the start of the fault.",

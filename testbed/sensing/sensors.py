@@ -51,7 +51,7 @@ NUMBER: Final = {row.sensor: int(row.index) for row in SENSORS}
 
 _AHEAD: Final = 256  # samples of each sensor whose errors are drawn at once
 _ENTRIES: Final = 3  # of a sample, at most
-_DERIVED_S: Final = 1.0  # of the positions from which a receiver derives its velocity; assumed
+_DERIVED_S: Final = 4.0  # of the positions from which a receiver derives its velocity; assumed
 _NO_SD: Final = np.zeros(1)
 _NONE: Final = -1  # for a body or an antenna that a sensor does not use
 _BODIES: Final = ("t", "i")  # ending of names in `MOTION`, in the order of the antennas
@@ -83,6 +83,19 @@ _SENSOR: Final = np.dtype(
     ]
 )
 """Settings of one sensor, as a flat row of numbers."""
+
+_ORDINARY: Final = {
+    "attitude_of": _NONE,
+    "corrected_by": _NONE,
+    "antenna": _NONE,
+    "velocity_of": _NONE,
+    "is_mean": 0,
+    "stated_sd": 0.0,
+    "offset": 0.0,
+    "nonlinearity": 0.0,
+    "phase": 0.0,
+}
+"""Fields of a `_SENSOR` whose errors are its noise alone."""
 
 _TRAVEL: Final = np.dtype(
     [
@@ -319,33 +332,22 @@ class SensorSuite:
         columns: tuple[int, ...],
         latency_s: float,
         resolution: tuple[float, ...],
-        *,
-        attitude_of: int = _NONE,
-        corrected_by: int = _NONE,
-        antenna: int = _NONE,
-        velocity_of: int = _NONE,
-        is_mean: bool = False,
-        stated_sd: float = 0.0,
+        **special: float,
     ) -> tuple[object, ...]:
-        """Return a `_SENSOR` without errors of an angle."""
+        """Return a `_SENSOR` without errors of an angle; `special` has further fields by name."""
         period_s = self.specification.period_s(sensor)
         rate = f"rate of sensor {sensor} ({1.0 / period_s:g} Hz)"
         fill = _ENTRIES - len(columns)
-        return (
-            NUMBER[sensor],
-            whole_steps(period_s, self.timestep, rate),
-            whole_steps(latency_s, self.timestep, f"latency of sensor {sensor}", least=0),
-            len(columns),
-            (*columns, *fill * (0,)),
-            (*resolution, *fill * (0.0,)),
-            attitude_of,
-            corrected_by,
-            antenna,
-            velocity_of,
-            is_mean,
-            stated_sd,
-            *(0.0, 0.0, 0.0),
-        )
+        given = {
+            "index": NUMBER[sensor],
+            "every": whole_steps(period_s, self.timestep, rate),
+            "delay": whole_steps(latency_s, self.timestep, f"latency of sensor {sensor}", least=0),
+            "length": len(columns),
+            "columns": (*columns, *fill * (0,)),
+            "resolution": (*resolution, *fill * (0.0,)),
+        }
+        fields = {**_ORDINARY, **special, **given}
+        return tuple(fields[str(name)] for name in _SENSOR.names or ())
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -408,8 +410,8 @@ def _sample(truth: FloatArray, suite: _Suite, k: int, epoch: FloatArray, row: Fl
     of = record(suite.sensors[k], _SENSOR)
     row[SampleColumn.TIME_S] = truth[_TIME]
     row[SampleColumn.SENSOR] = of.index
-    row[SampleColumn.SECOND] = 0.0
-    row[SampleColumn.THIRD] = 0.0
+    for column in range(SampleColumn.FIRST, SAMPLE):
+        row[column] = 0.0
     for i in range(of.length):
         row[SampleColumn.FIRST + i] = truth[of.columns[i]]
     if of.velocity_of >= 0:
@@ -508,8 +510,8 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
 class DerivedVelocities:
     """Velocities that a receiver derives from its positions, as a `Change` after all others.
 
-    A velocity is the mean of a second of the positions as they are delivered: it is smooth, 0 where
-    the position is held, and says nothing about the position that the position does not say.
+    A velocity is the mean of four seconds of the positions as they are delivered: it is smooth, 0
+    where the position is held, and says nothing about the position that the position does not say.
     """
 
     def __init__(self) -> None:

@@ -26,11 +26,13 @@ from .position import (
     remember_estimate,
 )
 from .readings import READINGS, new_readings, observe_readings
+from .receiver import RECEIVER, observe_receiver
 from .speeds import SPEEDS, measure_speeds, new_speeds
 from .standstill import STANDSTILL, new_standstill
 from .steering import observe_standstill, observe_steering
 from .table import DetectorIndex
 from .valve import VALVE, compare_valve, new_valve
+from .velocity import VELOCITY, new_velocity, observe_velocity
 
 # The first detectors are those of the readings of a sensor each.
 _SENSORS_WITH_READINGS: Final = int(DetectorIndex.STEERING_FRONT)
@@ -47,6 +49,8 @@ DETECTORS: Final = np.dtype(
         ("position", POSITION),
         ("drift", DRIFT),
         ("standstill", STANDSTILL),
+        ("velocity", VELOCITY),
+        ("receivers", RECEIVER, 2),  # of tractor and trailer
         ("valves", VALVE, 2),  # of front steering and trailer steering
         ("innovations", INNOVATIONS, 4),  # GNSS of tractor and trailer, hitch, encoder
     ]
@@ -54,8 +58,11 @@ DETECTORS: Final = np.dtype(
 """What the built-in detectors remember; flat, an array of `DETECTORS.itemsize // 8` numbers."""
 
 
-def new_detectors() -> FloatArray:
-    """Return the record `DETECTORS` before the first tick, flat."""
+def new_detectors(velocity_wander_mps: float) -> FloatArray:
+    """Return the record `DETECTORS` before the first tick, flat.
+
+    `velocity_wander_mps` is as in `new_velocity`.
+    """
     flat = np.zeros(DETECTORS.itemsize // 8)
     detectors = flat.view(DETECTORS)[0]
     detectors["board"] = new_board().view(BOARD)[0]
@@ -65,6 +72,7 @@ def new_detectors() -> FloatArray:
     detectors["position"] = new_position().view(POSITION)[0]
     detectors["drift"] = new_drift().view(DRIFT)[0]
     detectors["standstill"] = new_standstill().view(STANDSTILL)[0]
+    detectors["velocity"] = new_velocity(velocity_wander_mps).view(VELOCITY)[0]
     detectors["valves"] = new_valve().view(VALVE)[0]
     return flat
 
@@ -103,6 +111,7 @@ def observe_detectors(
     for sensor in range(_SENSORS_WITH_READINGS):
         if board.enabled[sensor]:
             observe_readings(s.readings[sensor], board, data, sensor)
+    _observe_receivers(s, data)
     _observe_speeds(s, data)
     _observe_estimate(s, data)
     _observe_valves(s, data)
@@ -111,6 +120,17 @@ def observe_detectors(
     hold_motion(board)
     latch_alarms(board)
     exclude_sensors(board, s.position, s.last, now)
+
+
+@kernel
+def _observe_receivers(s: Record, data: TickData) -> None:
+    """Run the detectors of what receivers say: of themselves, and of their velocity."""
+    board = s.board
+    for body in range(2):
+        if board.enabled[DetectorIndex.RECEIVER_TRACTOR + body]:
+            observe_receiver(s.receivers[body], board, data, body)
+    if board.enabled[DetectorIndex.VELOCITY]:
+        observe_velocity(s.velocity, board, data, s.speeds.position_sd)
 
 
 @kernel

@@ -18,6 +18,7 @@ from .drift import apparent_drift
 from .interface import Alarm, Detector, Observation, Reaction
 from .kernel import DETECTORS, new_detectors, observe_detectors
 from .table import BUILT_IN, COUNT, DetectorIndex
+from .velocity import VELOCITY, new_velocity
 
 Detect = bool | Sequence[str | Detector]
 """Choice of detectors, see `chosen`."""
@@ -44,7 +45,7 @@ def chosen(detect: Detect) -> Chosen:
 
     Examples:
         >>> len(chosen(["-drift"]).built_in), len(chosen(["drift"]).built_in)
-        (19, 1)
+        (23, 1)
     """
     if isinstance(detect, bool):
         return Chosen(frozenset(DetectorIndex) if detect else frozenset(), ())
@@ -78,17 +79,17 @@ class Monitors:
 
     Args:
         detect: which detectors run, see `chosen`.
+        velocity_wander_mps: standard deviation of the slow error that velocities of GNSS share.
 
     Raises:
         InvalidTuning: there is no built-in detector of a name.
     """
 
-    def __init__(self, detect: Detect = True) -> None:
+    def __init__(self, detect: Detect = True, velocity_wander_mps: float = 0.002) -> None:
         built_in, self._own = chosen(detect)
         self._count = COUNT if built_in else 0
-        self.record = (
-            new_detectors()
-        )  # flat record `DETECTORS`: all that the built-in ones remember
+        # Flat record `DETECTORS`: all that the built-in ones remember
+        self.record = new_detectors(velocity_wander_mps)
         self._own_alarms = np.zeros((len(self._own), ALARM))
         self._own_alarms[:, AlarmColumn.REACTION] = NO_ALARM
         self._said: dict[int, Alarm] = {}  # by the user's detectors, by row
@@ -198,6 +199,8 @@ class Monitors:
         drift["slip_short"] = math.nan
         drift["slip_usual"] = math.nan
         s["standstill"]["moved"] = 0.0
+        wander_mps = float(s["velocity"]["wander_mps"])
+        s["velocity"] = new_velocity(wander_mps).view(VELOCITY)[0]
         alarms = s["board"]["alarms"]
         alarms[DetectorIndex.HITCH :] = 0.0
         alarms[DetectorIndex.HITCH :, AlarmColumn.REACTION] = NO_ALARM

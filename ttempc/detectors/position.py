@@ -240,10 +240,11 @@ def observe_protection(memory: Record, last: Record, board: Record, data: TickDa
 
 @kernel
 def excludes_gnss(memory: Record, last: Record, board: Record, now: float) -> bool:
-    """Return whether GNSS is excluded: the position has jumped and the vehicle rolls.
+    """Return whether GNSS is excluded: the position has jumped or drifts, and the vehicle rolls.
 
-    Where the wheels may spin, dead reckoning is worse than GNSS.
+    It comes to rest on dead reckoning, not on the position that is wrong. Where the wheels may
+    spin, dead reckoning is worse than GNSS.
     """
     trusts_wheels = now - memory.spun_s > _SPUN_S
-    jumped = has_alarm(board, DetectorIndex.POSITION)
-    return jumped and trusts_wheels and abs(last.speed) > _MOVING_MPS
+    lies = has_alarm(board, DetectorIndex.POSITION) or has_alarm(board, DetectorIndex.VELOCITY_SURE)
+    return lies and trusts_wheels and abs(last.speed) > _MOVING_MPS

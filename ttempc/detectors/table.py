@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from ..types import Sensor
+from ..sensors import ReceiverFlag, Sensor
 from .interface import Alarm, Reaction
 
 
@@ -39,6 +39,10 @@ class DetectorIndex(IntEnum):
     POSITION = 17
     DRIFT = 18
     PROTECTION = 19
+    VELOCITY = 20
+    VELOCITY_SURE = 21
+    RECEIVER_TRACTOR = 22
+    RECEIVER_TRAILER = 23
 
 
 COUNT: Final = len(DetectorIndex)
@@ -79,6 +83,31 @@ def _drift(reaction: Reaction, numbers: Sequence[float]) -> str:
     if confirmed:
         return f"GNSS drifts by {speed_cmps:.1f} cm/s while the vehicle stands"
     return f"check whether GNSS drifts, as by {speed_cmps:.0f} cm/s"
+
+
+_AGAINST_VELOCITY: Final = (
+    "position drifts by {:.1f} cm/s against the velocity of GNSS, {:.2f} m so far"
+)
+
+
+def _receiver(what: str) -> BuiltIn:
+    def words(reaction: Reaction, numbers: Sequence[float]) -> str:
+        flags, age_s, protection_m = numbers
+        said = [
+            flag.name.lower().replace("_", " ") for flag in ReceiverFlag(int(flags)) if flag.name
+        ]
+        if age_s > 0.0:
+            said.append(f"corrections {age_s:.0f} s old")
+        if protection_m > 0.0:
+            said.append(f"protection level {protection_m:.1f} m")
+        return f"receiver of the {what} says: {', '.join(said)}"
+
+    return BuiltIn(
+        name=f"receiver of the {what}",
+        limit=0.5,  # of 1 where the receiver warns
+        reaction=Reaction.WARN,  # `observe_receiver` chooses
+        words=words,
+    )
 
 
 def _readings(what: str, sensor: Sensor) -> BuiltIn:
@@ -179,5 +208,20 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         reaction=Reaction.SLOW,
         words="position known to {:.1f} m without a sensor",
     ),
+    DetectorIndex.VELOCITY: BuiltIn(
+        name="velocity",
+        limit=20.0,  # of a likelihood ratio: one false alarm in ten hours
+        reaction=Reaction.SLOW,
+        words=_AGAINST_VELOCITY,
+    ),
+    DetectorIndex.VELOCITY_SURE: BuiltIn(
+        name="velocity, second limit",
+        limit=28.0,  # one false alarm in some hundred hours
+        reaction=Reaction.STOP_ON_PATH,
+        words=_AGAINST_VELOCITY,
+        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
+    ),
+    DetectorIndex.RECEIVER_TRACTOR: _receiver("tractor"),
+    DetectorIndex.RECEIVER_TRAILER: _receiver("trailer"),
 }
 """Built-in detectors by index."""

@@ -47,6 +47,7 @@ class SensorNoise:
     yaw_rate: float = math.radians(0.1)  # of the IMUs [rad/s]; 0: not used; assumed
     yaw_rate_bias: float = math.radians(0.05)  # of their yaw rate at the start [rad/s]; assumed
     yaw_rate_walk: float = 1e-5  # random walk of this bias [(rad/s)/sqrt(s)]; assumed
+    velocity_wander: float = 0.002  # slow part of the velocities of GNSS, common [m/s]; assumed
     # Sensors that are not the paper's, with the standard deviation of an entry of a sample; one
     # that is not named is not used
     others: tuple[tuple[Sensor, float], ...] = ()

@@ -114,7 +114,7 @@ class Guidance(GuidanceReport):
         check_pace(reference, period_s)
         recipe = PipelineRecipe(reference, period_s, controller, estimator, settings)
         pipeline = Pipeline(vehicle, recipe)
-        monitors = Monitors(settings.detect)
+        monitors = Monitors(settings.detect, settings.sensor_noise.velocity_wander)
         supervisor = Supervisor(
             pipeline.controller, reference, period_s, settings.safety, monitors.reason
         )

@@ -16,9 +16,16 @@ from proving_ground.testbed.recording.record import RESUMED
 SHORT = "path={kind='straight', length_m=8}"
 BENT = "path={kind='figure-eight', laps=1}"
 IMU, LOADED = "sensors.imu.on=true", "plant.vehicle.load_kg=300"
+STATUS = "sensors.gnss_status=true"
 WINDOW = "start_s = 2.0, duration_s = 2.0"
 LASTING = """
 gnss_out; gnss_frozen; gnss_jump offset_m = 0.5; gnss_drift rate_mps = 0.1;
+gnss_stairs rise_m = 0.1, every_s = 0.5; gnss_sine amplitude_m = 0.2, period_s = 2.0;
+gnss_accelerating acceleration_mps2 = 0.05; gnss_rotation rate_degps = 0.5;
+gnss_moving_drift rate_mps = 0.1; gnss_held speed_mps = 2.0; gnss_warning warning = 'jammed';
+angle_scaled sensor = 'hitch', factor = 0.5; gyro_ramp rate_degps2 = 0.05; gyro_scaled factor = 0.8;
+gyro_swapped axis = 'roll'; samples_ageing first_s = 0.1, last_s = 1.0, over_s = 2.0;
+samples_noisier factor = 5.0;
 gnss_outlier offset_m = 2.0; gnss_float; gnss_late delay_s = 0.4; antennas_swapped;
 angle_stuck sensor = 'hitch'; angle_bias sensor = 'steering_tractor', bias_deg = 3.0;
 angle_drift sensor = 'steering_trailer', rate_degps = 1.0;
@@ -51,7 +58,7 @@ def table(kind):
 
 
 def scenario(*overrides):
-    return load("grass", [SHORT, IMU, LOADED, *overrides])[1]
+    return load("grass", [SHORT, IMU, STATUS, LOADED, *overrides])[1]
 
 
 def run(*overrides):
@@ -114,6 +121,7 @@ def test_a_fault_that_cannot_act_is_refused_before_the_run():
     twice = "faults=[{kind='gnss_out',start_s=1.0},{kind='gnss_out',start_s=3.0}]"
     for overrides, message in (
         (("sensors.imu.on=false", table("gyro_bias")), "IMU"),
+        (("sensors.gnss_status=false", table("gnss_warning")), "gnss_status"),
         (("plant.vehicle.load_kg=0", table("load_shift")), "the trailer is empty"),
         (("plant.wheels='contact'", table("tyre_flat")), "plant.wheels"),
         (("controller.estimator='truth'", table("gnss_out")), "no sample"),

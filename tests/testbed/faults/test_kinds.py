@@ -8,10 +8,11 @@ from proving_ground.testbed.faults.kinds import KINDS, AnyFault
 from pydantic import TypeAdapter
 
 KEYS = {"depth_m": 0.1, "body": "trailer", "sensor": "hitch", "side": "left", "wheel": "rear_left"}
+KEYS |= {"axis": "roll", "factor": 2.0}
 
 
 def test_every_kind_is_in_the_table_and_passes_pickle_and_its_own_dictionary():
-    assert len(KINDS) == 40
+    assert len(KINDS) == 53
     for kind, table in KINDS.items():
         needed = {key.name: KEYS.get(key.name, 1.0) for key in table.row.keys if key.default is ...}
         fault = table(kind=kind, at_m=5.0, **needed)

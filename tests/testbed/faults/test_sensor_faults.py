@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from proving_ground.testbed.faults.fault import Window
 from proving_ground.testbed.faults.faulty import SampleFaults
-from proving_ground.testbed.faults.kinds import KINDS
+from proving_ground.testbed.faults.kinds import KINDS, Sampling
 from proving_ground.testbed.sensing.sensor_specification import (
     ImuSpecification,
     SensorSpecification,
@@ -23,6 +23,8 @@ DT, EVERY = 0.02, 10  # five samples a second of each sensor
 START_S, END_S = 1.0, 2.0
 BODIES = ("tractor", "trailer")
 GNSS = {Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER}
+IMUS = {Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER}
+PRESENT = [row.sensor for row in ROW_OF.values() if row.used_by_filter]
 
 
 SENSORS = SensorSpecification(  # without noise, five samples a second of each
@@ -94,6 +96,12 @@ ERRORS = (
     ("gnss_jump", {"offset_m": 0.5, "receiver": "trailer"}, {Sensor.GNSS_TRAILER},
      [[0.5, 0.0]] * 5),
     ("gnss_drift", {"rate_mps": 0.2}, GNSS, [[0.04 * k, 0.0] for k in range(5)]),
+    ("gnss_stairs", {"rise_m": 0.3, "every_s": 0.4}, GNSS,
+     [[0.3, 0.0]] * 2 + [[0.6, 0.0]] * 2 + [[0.9, 0.0]]),
+    ("gnss_sine", {"amplitude_m": 0.3, "period_s": 0.8, "direction_deg": 90.0}, GNSS,
+     [[0.0, height] for height in (0.0, 0.3, 0.0, -0.3, 0.0)]),
+    ("gnss_accelerating", {"acceleration_mps2": 0.5}, GNSS,
+     [[0.25 * (0.2 * k) ** 2, 0.0] for k in range(5)]),
     ("gnss_frozen", {}, GNSS, [[-0.02 * k] * 2 for k in range(5)]),
     ("gnss_outlier", {"offset_m": 2.0}, GNSS, None),
     ("gnss_float", {}, GNSS, None),
@@ -105,6 +113,10 @@ ERRORS = (
     ("angle_noise", {"sensor": "steering_trailer", "sd_deg": 1.0}, {Sensor.STEERING_TRAILER}, None),
     ("gyro_bias", {"body": "tractor", "bias_degps": 1.0}, {Sensor.IMU_TRACTOR},
      [[math.radians(1.0), 0.0, 0.0]] * 5),
+    ("angle_scaled", {"sensor": "hitch", "factor": 0.5}, {Sensor.HITCH},
+     [[-0.5 * (0.1 * (START_S + 0.2 * k) + NUMBER[Sensor.HITCH])] for k in range(5)]),
+    ("gyro_ramp", {"rate_degps2": 1.0}, IMUS,
+     [[math.radians(0.2 * k), 0.0, 0.0] for k in range(5)]),
     ("encoder_dead", {}, {Sensor.ENCODER}, -READINGS[:, None]),
     ("encoder_scaled", {"factor": -1.0}, {Sensor.ENCODER}, -2.0 * READINGS[:, None]),
 )
@@ -116,7 +128,7 @@ def test_only_samples_of_the_faulty_sensor_in_the_window_have_the_error(
     kind, keys, sensors, expected
 ):
     samples = delivered(kind=kind, **keys)
-    for sensor in Sensor:
+    for sensor in PRESENT:
         times, wrong = errors(sensor, samples)
         assert len(times) == 16
         inside = acting(times) & (sensor in sensors)
@@ -134,6 +146,44 @@ def test_a_lost_fix_gives_no_samples_of_that_receiver():
     assert len(times) == 16 - 5
     assert not acting(times).any()
     assert len(errors(Sensor.GNSS_TRAILER, samples)[0]) == 16
+
+
+def test_more_noise_multiplies_the_deviation_that_a_sensor_is_said_to_have():
+    fault = KINDS["samples_noisier"](start_s=0.0, factor=5.0)
+    for sensor, sd in ((Sensor.ENCODER, 0.1), (Sensor.GNSS_TRACTOR, 0.03)):
+        rng = np.random.default_rng(2)
+        sampling = Sampling(Window(0.0, math.inf), SensorSpecification(), sensor, DT, rng)
+        noise = fault.row.effect(fault, sampling)(np.zeros((4000, 7)))[:, 2]
+        assert np.hypot(sd, noise.std()) == pytest.approx(5.0 * sd, rel=0.05)
+
+
+def test_a_receiver_that_holds_at_rest_follows_again_when_it_moves():
+    fault = KINDS["gnss_held"](start_s=0.0, speed_mps=0.1)
+    rng = np.random.default_rng(2)
+    sampling = Sampling(Window(0.0, math.inf), SENSORS, Sensor.GNSS_TRACTOR, DT, rng)
+    rows = np.zeros((100, 7))
+    rows[:, 0] = 0.2 * np.arange(100)
+    rows[:, 2] = 0.05 * np.minimum(rows[:, 0], 10.0) + 1.0 * np.maximum(rows[:, 0] - 10.0, 0.0)
+    truth_m = rows[:, 2].copy()
+    held = fault.row.effect(fault, sampling)(rows)[:, 2]
+    assert np.ptp(held[5:50]) < 0.01 < np.ptp(truth_m[5:50])
+    np.testing.assert_array_equal(held[60:], truth_m[60:])
+
+
+def test_ageing_samples_are_stamped_as_they_arrive():
+    samples = delivered(kind="samples_ageing", first_s=0.1, last_s=0.5, over_s=1.0)
+    late = [
+        (arrival, sample.time_s, sample.value)
+        for arrival, sample in samples
+        if sample.sensor == Sensor.ENCODER
+    ]
+    taken = np.array([(value[0] - NUMBER[Sensor.ENCODER]) / 0.1 for *_, value in late])
+    arrivals, stamps = np.array([item[:2] for item in late]).T
+    waits = arrivals - stamps  # for the next moment at which the sensors deliver
+    assert ((waits > -1e-9) & (waits < EVERY * DT)).all()
+    inside = acting(taken)
+    expected = 0.1 + 0.4 * (taken[inside] - START_S)
+    np.testing.assert_allclose((stamps - taken)[inside], expected, atol=DT)
 
 
 def test_outliers_have_one_length_and_are_those_of_the_seed():
@@ -165,7 +215,7 @@ def test_late_samples_keep_value_and_stamp():
 def test_duplicates_arrive_together():
     samples = [(arrival, s) for arrival, s in delivered(kind="samples_duplicated", group="encoder")]
     inside = [item for item in samples if acting(np.array(item[0]))]
-    for sensor in Sensor:
+    for sensor in PRESENT:
         count = sum(s.sensor == sensor for _, s in inside)
         assert count == (10 if sensor == Sensor.ENCODER else 5)
 

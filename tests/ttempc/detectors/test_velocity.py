@@ -1,0 +1,101 @@
+"""Velocity: positions that drift from the integral of the velocities of the same receivers."""
+
+import numpy as np
+import pytest
+
+from tests.ttempc.detectors.observed import PERIOD_S, VEHICLE, observed
+from ttempc.detectors.interface import Observation, Reaction
+from ttempc.detectors.kernel import DETECTORS
+from ttempc.detectors.monitors import Monitors
+from ttempc.detectors.table import BUILT_IN, DetectorIndex
+from ttempc.layout import FLOAT
+from ttempc.types import Estimate, Measurement, Sensor
+
+NAMES = [BUILT_IN[index].name for index in (DetectorIndex.VELOCITY, DetectorIndex.VELOCITY_SURE)]
+BODIES = ("tractor", "trailer")
+START_S = 30.0
+
+
+class Receivers:
+    """Two receivers on a vehicle that drives east on a weaving line, with white errors."""
+
+    def __init__(self, seed=1, velocity_sd=0.03, floats=False):
+        self.rng = np.random.default_rng(seed)
+        self.monitors = Monitors(NAMES)
+        self.velocity_sd = velocity_sd
+        self.floats = floats  # for two seconds from the start of the error on
+
+    def first(self, error, seconds=60.0):
+        """Drive with an error of the positions (2,) as a function of the time since its start.
+
+        Returns the times of the first two limits [s] since then, NaN where they are not reached,
+        and the alarms at the end.
+        """
+        limits = dict.fromkeys(NAMES, np.nan)
+        alarms = ()
+        for k in range(round((START_S + seconds) / PERIOD_S)):
+            since_s = k * PERIOD_S - START_S
+            wrong = np.asarray(error(since_s)) if since_s >= 0.0 else np.zeros(2)
+            alarms = observed(self.monitors, self._seen(k * PERIOD_S, wrong))
+            for alarm in alarms:
+                if np.isnan(limits[alarm.detector]):
+                    limits[alarm.detector] = since_s
+        return tuple(limits.values()), alarms
+
+    def _seen(self, time_s, wrong):
+        place = np.array([time_s, np.sin(0.3 * time_s)])
+        velocity = np.array([1.0, 0.3 * np.cos(0.3 * time_s)])
+        status = FLOAT if self.floats and START_S <= time_s < START_S + 2.0 else 1
+        samples = []
+        for body in BODIES:
+            at = place + wrong + self.rng.normal(0.0, 0.03, 2)
+            samples.append(Measurement(time_s, Sensor(f"gnss_{body}"), tuple(at), int(status)))
+            moves = velocity + self.velocity_sd * self.rng.standard_normal(2)
+            samples.append(Measurement(time_s, Sensor(f"velocity_{body}"), (*moves, 0.03)))
+        estimate = Estimate(time_s, np.zeros(7), 1e-4 * np.eye(7), np.zeros(2), 0.0)
+        return Observation(time_s, samples, None, estimate, VEHICLE)
+
+
+@pytest.mark.parametrize("direction", [0.0, 2.0, 4.0])
+def test_a_drift_slows_the_vehicle_then_stops_it_whatever_its_direction(direction):
+    along = np.array([np.cos(direction), np.sin(direction)])
+    (slow_s, stop_s), alarms = Receivers().first(lambda t: 0.03 * t * along, seconds=30.0)
+    assert 0.0 < slow_s < stop_s < 15.0
+    assert [alarm.reaction for alarm in alarms] == [Reaction.SLOW, Reaction.STOP_ON_PATH]
+    assert float(alarms[-1].reason.split()[3]) == pytest.approx(3.0, abs=1.0)
+    assert alarms[-1].unused == {Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER}
+
+
+def test_a_faster_drift_is_found_sooner_and_a_step_of_thirty_centimetres_is_not_believed():
+    (slow, _), _ = Receivers().first(lambda t: (0.0, 0.03 * t), seconds=20.0)
+    (fast, _), _ = Receivers().first(lambda t: (0.0, 0.10 * t), seconds=20.0)
+    assert fast < slow
+    (_, step), _ = Receivers().first(lambda t: (0.3, 0.0), seconds=20.0)
+    assert step < 3.0
+
+
+def test_without_an_error_and_with_single_outliers_there_is_no_alarm():
+    limits, _ = Receivers().first(lambda t: (0.0, 0.0), seconds=300.0)
+    assert np.isnan(limits).all()
+    limits, _ = Receivers().first(lambda t: (3.0 * (round(t / PERIOD_S) % 10 == 0), 0.0))
+    assert np.isnan(limits).all()
+
+
+def test_a_velocity_without_noise_is_no_measurement_and_is_not_used():
+    limits, _ = Receivers(velocity_sd=0.0).first(lambda t: (0.05 * t, 0.0))
+    assert np.isnan(limits).all()
+
+
+def test_another_fix_after_a_float_solution_begins_anew():
+    limits, _ = Receivers(floats=True).first(lambda t: (0.3, 0.0))
+    assert np.isnan(limits).all()
+
+
+def test_an_operator_ends_the_alarm():
+    receivers = Receivers()
+    _, alarms = receivers.first(lambda t: (0.3, 0.0), seconds=20.0)
+    assert alarms
+    receivers.monitors.resume(np.zeros(4))
+    assert not receivers.monitors.alarms
+    memory = receivers.monitors.record.view(DETECTORS)[0]["velocity"]
+    assert memory["wander_mps"] == 0.002
