@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from ttempc.types import FloatArray
 
-from ....testbed.recording.channels import CONTROL, REFERENCE, STATE
+from ....testbed.recording.channels import CONTROL, REFERENCE
 from ...results.run_comparison import ComparedRun
 from ...results.tracking_errors import BODIES, position_fields
+from .magnified import beside, counted_errors, extent_of, line_of, magnification
 from .run_figures import (
     BOUNDS,
     INPUTS,
@@ -31,6 +32,7 @@ from .style import (
     RED,
     SKY,
     dress,
+    has_column_width,
     label_below,
     legend,
     note,
@@ -43,19 +45,21 @@ _DASHES: Final = ("-", (0, (6, 2)), (0, (3, 2)), (0, (8, 2, 2, 2)), (0, (1.5, 1.
 
 
 def paths_figure(runs: Sequence[ComparedRun]) -> Figure:
-    """Return the driven paths of both axle points and the reference."""
+    """Return the reference of both axle points, and beside it the errors of each run, enlarged."""
     figure, rows = _stacked(2, 3.2, runs, share_x=False)
     longest = max(runs, key=lambda run: len(run.record[REFERENCE]))
     for axes, body in zip(rows, BODIES, strict=True):
-        fields = position_fields(body)
-        reference = longest.record[REFERENCE].columns(*fields)
-        axes.plot(*reference.T, color=PALE, linewidth=4.0, label="reference")
-        for run, style in _lines(runs):
-            table = run.record[STATE]
-            driven = table.columns(*fields)[table.time_s <= run.end_s]
-            axes.plot(*driven.T, **style)
+        reference = longest.record[REFERENCE].columns(*position_fields(body))
+        axes.plot(*reference.T, color=PALE, linewidth=2.0, label="reference")
+        errors = [counted_errors(run.errors)[body] for run in runs]
+        factor = magnification(extent_of(reference), errors)
+        for (run, style), error in zip(_lines(runs), errors, strict=True):
+            points, headings = line_of(run.record, body)
+            shown = len(error)
+            enlarged = beside(points[:shown], headings[:shown], factor * error)
+            axes.plot(*enlarged.T, **style)
         dress(axes, "x east [m]", "y north [m]")
-        note(axes, 0.01, 0.97, body, va="top", fontweight="bold")
+        note(axes, 0.01, 0.97, f"{body}: errors {factor:g} times as large", va="top")
         axes.set_aspect("equal", adjustable="datalim")
     legend(rows[0], len(runs) + 1)
     return figure
@@ -116,7 +120,7 @@ def _stacked(
 ) -> tuple[Figure, list[Axes]]:
     """Return `stacked` axes, with what all runs have in common as the title of their figure."""
     figure, rows = stacked(count, height_in, **share)
-    if runs[0].common:
+    if runs[0].common and not has_column_width():  # a paper says it in its caption
         figure.suptitle(runs[0].common, x=0.01, ha="left", fontsize=8.5, fontweight="bold")
     return figure, rows
 

@@ -33,6 +33,7 @@ from ...results.tracking_errors import (
     rows_at_same_time,
     tracking_errors,
 )
+from .magnified import beside, counted_errors, extent_of, line_of, magnification
 from .style import (
     BLACK,
     BLUE,
@@ -107,7 +108,10 @@ def driven_path(record: Record) -> FloatArray:
 
 
 def path_figure(record: Record) -> Figure:
-    """Return the driven paths and the reference."""
+    """Return the reference, and beside it the errors across it, many times as large.
+
+    Without a reference, as in an imported log, it shows the driven paths.
+    """
     figure = blank(1.0)
     width_in = figure.get_figwidth()
     reference = record[REFERENCE].columns(*position_fields("tractor"))
@@ -116,11 +120,26 @@ def path_figure(record: Record) -> Figure:
     shape = float(np.clip(extent[1] / max(extent[0], 1e-9), _FLATTEST, _TALLEST))
     figure.set_figheight(shape * width_in + _TEXT_IN)
     axes = figure.subplots()
-    _draw_paths(axes, record)
-    dress(axes, "x east [m]", "y north [m]")
+    label = "x east [m]"
+    if drawn is reference:
+        label += f" (errors across the line: {_draw_magnified(axes, record):g} times as large)"
+    else:
+        _draw_paths(axes, record)
+    dress(axes, label, "y north [m]")
     axes.set_aspect("equal", adjustable="datalim")
     legend(axes, 4)
     return figure
+
+
+def _draw_magnified(axes: Axes, record: Record) -> float:
+    """Draw the tractor's reference and, beside it, all errors enlarged; return the factor."""
+    points, headings = line_of(record, "tractor")
+    errors = counted_errors(tracking_errors(record))
+    factor = magnification(extent_of(points), list(errors.values()))
+    axes.plot(*points.T, color=PALE, linewidth=2.0, label="reference")
+    for body, error in errors.items():
+        axes.plot(*beside(points, headings, factor * error).T, **_line(body))
+    return factor
 
 
 def zoom_figure(record: Record) -> Figure:
@@ -134,9 +153,8 @@ def zoom_figure(record: Record) -> Figure:
     shown = {name: part & errors.counted & known for name, part in parts.items()}
     shown = {name: part for name, part in shown.items() if part.any()}
     figure = blank(_ZOOM_IN)
-    for axes, (name, part) in zip(
-        np.atleast_1d(figure.subplots(1, max(len(shown), 1))), shown.items(), strict=False
-    ):
+    closeups = np.atleast_1d(figure.subplots(1, max(len(shown), 1)))
+    for axes, (name, part) in zip(closeups, shown.items(), strict=False):
         places = np.flatnonzero(part)
         farthest = places[np.argmax(errors.tractor.euclidean_m[places])]
         _draw_paths(axes, record)
@@ -148,6 +166,8 @@ def zoom_figure(record: Record) -> Figure:
         distance_cm = 100.0 * errors.tractor.euclidean_m[farthest]
         title = f"{name}, {errors.time_s[farthest]:.0f} s: {distance_cm:.0f} cm"
         dress(axes, "x east [m]", "y north [m]", title)
+    if shown:
+        closeups[0].legend(loc="best", fontsize="small")
     return figure
 
 
@@ -425,9 +445,9 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 }
 
 CAPTIONS: Final = {
-    "path": "Reference and driven paths.",
-    "zoom": "The same where the tractor was farthest from its time-based reference, on a straight "
-    "and on a curve. Dots: reference and tractor at that time.",
+    "path": "Reference, and beside it the errors across it, drawn many times as large.",
+    "zoom": "Reference and driven paths where the tractor was farthest from its time-based "
+    "reference, on a straight and on a curve. Dots: reference and tractor at that time.",
     "error": "Distance to the time-based reference, and its means.",
     "cross-track": "Error to the left of the reference over the length of the path.",
     "signals": "The three actions, the command sent, and their sum where a limit cuts it. Dashed: "

@@ -39,7 +39,8 @@ FAULT_SHADE: Final = "#F7D3C4"
 GRID: Final = "#DDDDDD"
 
 _FONT_PT: Final = 8.5
-_CHARACTERS_PER_IN: Final = 13.0  # characters of the body font in an inch
+_BESIDE_IN: Final = 0.7  # width of an axis's label and numbers
+_CHARACTERS_PER_IN: Final = 14.5  # characters of the body font in an inch
 _HANDLE: Final = 4  # characters as wide as the line of a legend's entry and the spaces around it
 _BOLD_PER_IN: Final = 10.0  # characters of the bold font of titles in an inch
 _WIDTH_IN: Final[ContextVar[float | None]] = ContextVar("width of figures [in]", default=None)
@@ -53,6 +54,11 @@ def figure_width(width_in: float | None) -> Iterator[None]:
         yield
     finally:
         _WIDTH_IN.reset(token)
+
+
+def has_column_width() -> bool:
+    """Return whether figures are drawn for the column of a page, see `figure_width`."""
+    return _WIDTH_IN.get() is not None
 
 
 def blank(height_in: float, share: float = 1.0) -> Figure:
@@ -85,7 +91,8 @@ def _characters(axes: Axes, per_in: float = _CHARACTERS_PER_IN) -> int:
     share = 1.0
     if place is not None:
         share = len(place.colspan) / place.get_gridspec().ncols
-    return max(12, int(per_in * share * axes.figure.bbox.width / axes.figure.dpi))
+    width_in = share * axes.figure.bbox.width / axes.figure.dpi - _BESIDE_IN
+    return max(12, int(per_in * width_in))
 
 
 def series(number: int, name: str = "") -> dict[str, Any]:

@@ -67,7 +67,7 @@ def curve_panels(sweep: Sweep, scale: Scale, table: pd.DataFrame) -> list[Panel]
             own = known[known["controller"] == name]
             if not len(own):
                 continue
-            x = scale.positions[own[scale.label]]
+            x = scale.positions[own[scale.column]]
             y, low, high = factor * np.array([(item.value, *item.ends) for item in own[column]]).T
             looks: dict[str, Any] = series(number, name) | {"markersize": 3.8}
             if scale.numeric:

@@ -96,7 +96,7 @@ def make_report(sweep: Sweep) -> SweepReport:
         sections.append(Section("One axis at a time", caption, [*itertools.chain(*curves)]))
     if listed:
         places: Columns = {
-            scale.label: (scale.label, lambda place, texts=scale.texts: (texts[place], place))
+            scale.label: (scale.column, lambda place, texts=scale.texts: (texts[place], place))
             for scale in listed
         }
         tables["points"] = _table("Points", groups(sweep, listed), places | _means(sweep))

@@ -60,7 +60,7 @@ _WIDE: Final = 12.0  # largest over smallest value from which an axis is logarit
 
 @dataclass(frozen=True)
 class Scale:
-    """An axis of a study. `label` is the column of the frame with the index of each run's value."""
+    """An axis of a study."""
 
     label: str
     texts: tuple[str, ...]  # of its k values or bins
@@ -68,6 +68,14 @@ class Scale:
     numeric: bool = False
     logarithmic: bool = False
     binned: bool = False
+
+    @property
+    def column(self) -> str:
+        """Return the column of the frame with the index of each run's value.
+
+        The label alone may be a column of the rows, as `scenario` is.
+        """
+        return f"place on {self.label}"
 
 
 @dataclass(frozen=True)
@@ -147,7 +155,7 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
                 name: factor * table[key].where(completed)
                 for name, (key, factor) in _FIGURES.items()
             },
-            **{scale.label: places for scale, places in scales},
+            **{scale.column: places for scale, places in scales},
         }
     )
     name = origin.study or folder.resolve().name.removeprefix("sweep-")
@@ -160,7 +168,7 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
 def groups(sweep: Sweep, by: Sequence[Scale] = ()) -> pd.DataFrame:
     """Return one row for each controller, at each combination of values that has runs.
 
-    Columns: the labels of the scales, `controller`; `runs` and `failed`, their numbers; `rate`, the
+    Columns: those of the scales, `controller`; `runs` and `failed`, their numbers; `rate`, the
     proportion of failed ones; means of the figures of `Sweep.rows`, None where no run has one.
     """
 
@@ -220,7 +228,7 @@ def _each(
     rows: pd.DataFrame, by: Sequence[Scale], of: Callable[[pd.DataFrame], dict[str, Any]]
 ) -> pd.DataFrame:
     """Return what `of` makes of the runs of each controller at each combination of values."""
-    keys = [*(scale.label for scale in by), "controller"]
+    keys = [*(scale.column for scale in by), "controller"]
     records = [
         dict(zip(keys, values, strict=True)) | of(part)
         for values, part in rows.groupby(keys, observed=True)

@@ -1,20 +1,24 @@
 """Figures of a run: labels with units, drawn data equal to the record's, size, reproducibility."""
 
 import io
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 from PIL import Image
 from proving_ground.experiments.pictures.figures import CAPTIONS, FIGURES, draw
+from proving_ground.experiments.pictures.figures.export import WIDTHS_CM
+from proving_ground.experiments.pictures.figures.magnified import magnification
+from proving_ground.experiments.pictures.figures.style import figure_width
 from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.tracking_errors import QUANTITIES, tracking_errors
 from proving_ground.testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
-    REFERENCE,
     SOLVER,
-    STATE,
     TIMING,
     TOOL,
     TUBE,
@@ -49,12 +53,54 @@ def line(axes, label):
     return lines[label].get_xydata()
 
 
-def test_the_path_figure_shows_both_driven_paths(run):
+def test_the_path_figure_shows_the_errors_of_both_bodies_enlarged_beside_the_line(run):
+    """The distance of what is drawn from the line is the error, times the factor that is said."""
     (axes,) = FIGURES["path"](run).axes
-    reference = run[REFERENCE].columns("x_t_m", "y_t_m")
-    np.testing.assert_array_equal(line(axes, "reference"), reference)
-    for body, fields in (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m"))):
-        np.testing.assert_array_equal(line(axes, body), run[STATE].columns(*fields))
+    factor = float(re.search(r"([\d.]+) times as large", axes.get_xlabel())[1])
+    assert factor > 1.0
+    reference = line(axes, "reference")
+    errors = tracking_errors(run)
+    for body, error in errors.by_point.items():
+        apart = np.hypot(*(line(axes, body) - reference).T)
+        shown = np.isfinite(apart)
+        np.testing.assert_array_equal(shown, errors.counted)
+        np.testing.assert_allclose(apart[shown], factor * np.abs(error.cross_m[shown]))
+
+
+def test_errors_as_large_as_the_path_are_not_enlarged():
+    assert magnification(10.0, [np.array([20.0, np.nan])]) == 1.0
+    assert magnification(0.0, [np.zeros(3)]) == 1.0
+
+
+@pytest.mark.parametrize("error_m", [0.001, 0.0123, 0.04, 0.3])
+def test_the_factor_is_round_and_an_error_takes_a_visible_share(error_m):
+    factor = magnification(50.0, [np.full(10, error_m)])
+    assert factor == 1.0 or f"{factor:e}"[0] in "125"
+    assert factor * error_m <= 0.06 * 50.0
+    assert factor == 1.0 or factor * error_m > 0.02 * 50.0
+
+
+def written(axes):
+    """Yield all texts of axes but the numbers at their ticks."""
+    for one in axes:
+        yield from (one.xaxis.label, one.yaxis.label, one.title, *one.texts)
+        yield one._left_title
+        if one.get_legend() is not None:
+            yield from one.get_legend().get_texts()
+
+
+@pytest.mark.parametrize("width_cm", [*WIDTHS_CM.values()])
+@pytest.mark.parametrize("name", FIGURES)
+def test_all_text_is_inside_the_column(name, width_cm, run):
+    """Legends, labels, titles and notes end where the page does."""
+    with figure_width(width_cm / 2.54):
+        figure = FIGURES[name](run)
+    FigureCanvasAgg(figure).draw()
+    page = figure.bbox
+    for text in filter(Text.get_text, [*figure.texts, *written(figure.axes)]):
+        box = text.get_window_extent()
+        assert page.x0 - 1.0 <= box.x0, text.get_text()
+        assert box.x1 <= page.x1 + 1.0, text.get_text()
 
 
 def test_close_ups_are_centred_where_the_tractor_was_farthest(run):
@@ -179,6 +225,7 @@ def test_the_tool_is_drawn_where_it_works():
     works = run[TOOL]["lowered"] == 1.0
     assert np.array_equal(np.isfinite(drawn), works)
     np.testing.assert_allclose(drawn[works], 5.0)
-    driven = line(FIGURES["path"](run).axes[0], "tool, lowered")
-    assert np.array_equal(driven[works], run[TOOL].columns("x_m", "y_m")[works])
+    beside = line(FIGURES["path"](run).axes[0], "tool")
+    errors = tracking_errors(run)
+    assert np.array_equal(np.isfinite(beside[:, 0]), works & errors.counted)
     assert len(FIGURES["error"](record()).axes) == 2

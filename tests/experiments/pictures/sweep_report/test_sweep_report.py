@@ -16,6 +16,7 @@ from proving_ground.experiments.pictures.sweep_report.runs import (
     groups,
     read_sweep,
 )
+from proving_ground.experiments.studies.sweep.results import rows
 from proving_ground.experiments.studies.sweep.row import (
     has_failed,
     no_figures,
@@ -75,11 +76,11 @@ def begun(three_rows, tmp_path):
 def test_every_run_is_in_one_group_with_its_mean_error(sweep):
     cells = groups(sweep, sweep.scales)
     assert len(cells) == 3 * 4 * 3
-    by = [*(scale.label for scale in sweep.scales), "controller"]
+    by = [*(scale.column for scale in sweep.scales), "controller"]
     runs = sweep.rows.groupby(by, observed=True)
     for cell in cells.to_dict("records"):
         mine = runs.get_group(tuple(cell[name] for name in by))
-        assert set(mine["terrain.iso_class"]) == {"ACE"[cell["ISO class"]]}
+        assert set(mine["terrain.iso_class"]) == {"ACE"[cell[by[0]]]}
         errors = 100 * mine[ERROR][mine["status"] == "completed"]
         assert (cell["runs"], cell["failed"]) == (5, 5 - len(errors))
         assert (cell["error_cm"] is None) == (not len(errors))
@@ -257,6 +258,28 @@ def test_the_worst_runs_of_each_controller_are_listed_those_not_completed_first(
     worst = re.search(r'id="worst".*?</table>', text, re.DOTALL)[0]
     for name, status in (("paper", "completed"), ("feedforward", "lost")):
         assert len(re.findall(f">{name}</td>.*>{status}</td>", worst)) == 4
+
+
+SCENARIOS = """
+[[axis]]
+kind = "list"
+key = "scenario"
+values = ["grass", "wet-slope", "rows"]
+"""
+
+
+def test_the_worst_runs_have_the_scenario_of_their_row(tmp_path):
+    """The page's cells are compared with the rows, run by run."""
+    folder = swept(tmp_path, "seeds = 2", SCENARIOS)
+    text = report_page(folder)
+    worst = re.search(r'id="worst".*?</table>', text, re.DOTALL)[0]
+    head = re.findall(r"<th[^>]*>(.*?)</th>", worst)
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in worst.split("<tr")[2:]]
+    named = {row["run"]: row["scenario"] for row in rows(folder / "results.jsonl")}
+    column = [re.sub("<[^>]*>", "", name).strip() for name in head].index("scenario")
+    assert cells
+    for row in cells:
+        assert row[column] == named[int(row[0])]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: Debian's package chromium")
