@@ -29,7 +29,8 @@ _ATTRIBUTES: Final = frozenset(
     emission shininess texture face vertex ncol nrow dir diaginertia mode springlength biasprm
     biastype ctrlrange dynprm dyntype forcerange gainprm gaintype input tendon timestep
     fullinertia margin gap stiffness frictionloss limited ref springref body1 body2 geom1 geom2
-    condim solmix actuatorfrclimited actuatorfrcrange euler zaxis fovy castshadow active childclass target
+    condim solmix actuatorfrclimited actuatorfrcrange euler zaxis fovy castshadow active childclass
+    target
     """.split()  # noqa: SIM905 - eighty words
 )
 _MOST: Final = {
