@@ -59,10 +59,10 @@ class RomeaOptions:
     this project; with fixed gains a tractor of 4.5 t folds its trailer at 2.8 m/s.
     """
 
-    fastest_mps: float = 1.0  # speed up to which the gains are those given [m/s]
+    fastest_mps: float = 1.2  # speed up to which the gains are those given [m/s]
 
     # Decay of the trailer's deviation over the distance that it travels [1/m]
-    trailer_gain_per_m: float = 0.6
+    trailer_gain_per_m: float = 0.75
     # Origin of the side slips: the disturbances of the filter, or the observer of the papers
     slip: SlipSource = "filter"
     memory_s: float = 1.5  # time constant of the observer's double pole [s]
@@ -115,8 +115,8 @@ class PredictiveOptions(RomeaOptions):
     )
 
     # K_d: the deviation has a double pole at K_d / 2 over the distance, as published [1/m]
-    distance_gain_per_m: float = 1.6
-    horizon_s: float = 0.6  # time by which the angle of the path is predicted [s]
+    distance_gain_per_m: float = 2.0
+    horizon_s: float = 0.5  # time by which the angle of the path is predicted [s]
     response_s: float = 0.4  # time constant by which it is to be reached [s]
 
     def __post_init__(self) -> None:

@@ -55,6 +55,8 @@ SHIPPED: Final = (
     ("nmpc-rti",),
     ("lqr",),
     ("pid",),
+    ("romea-backstepping",),
+    ("romea-predictive",),
 )
 """Shipped controllers, and parts of the default switched off, as of `--set`."""
 
