@@ -27,6 +27,10 @@ OFF: Final[dict[str, tuple[str, ...]]] = {
     "learning": ("controller.learn=false",),
     "detectors": ("controller.detect=false",),
     "dead-time compensation": ("controller.compensate=false",),
+    "curve slip": (
+        "controller.vehicle.tractor_compliance_s2pm=0.0",
+        "controller.vehicle.trailer_compliance_s2pm=0.0",
+    ),
     "roll as input of the filter": (
         "controller.vehicle.tractor_axle_height_m=0.0",
         "controller.vehicle.trailer_axle_height_m=0.0",

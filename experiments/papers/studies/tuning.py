@@ -45,13 +45,12 @@ TUNED: Final = (
 """Controllers that are tuned."""
 
 TRIALS: Final[dict[str, tuple[str, ...]]] = {
-    "wet slope": ("wet-slope",),
-    "tool": ("cultivate",),
-    "10 km/h": ("work-eight",),
+    "wet slope": ("wet-slope", "path.radius_m=8", "path.centre_distance_m=22"),
+    "10 km/h": ("work-eight", "path.radius_m=20", "path.centre_distance_m=50"),
 }
-"""Scenario of each trial and its changes; one lap is driven."""
+"""Scenario of each trial and its changes; a short lap of each is driven."""
 
-DRIVES: Final = 18
+DRIVES: Final = 16
 """Budget of each controller, the drives of its shipped options among them."""
 _SEEDS: Final = (71,)  # of tuning
 HELD_OUT: Final = (3001,)
