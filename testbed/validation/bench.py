@@ -26,6 +26,8 @@ SPEED: Final = 1.0  # [m/s] default of the experiments
 DRIVEN: Final = np.array([wheel.startswith("rear") for wheel in WHEELS])
 TRAILER: Final = np.array([wheel.startswith("trailer") for wheel in WHEELS])
 STOP: Final = Command(0.0, 0.0, 0.0)
+RELEASED: Final = Command(0.0, 0.0, 1e-9)
+"""Stands with the parking brake open, so that tyres and drive give up what settling wound up."""
 
 
 @dataclass(frozen=True)

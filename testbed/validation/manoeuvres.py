@@ -31,6 +31,7 @@ from ..wheels.wheel_models import wheel_model
 from .bench import (
     DRIVEN,
     FIRM_KPA,
+    RELEASED,
     SPEED,
     STOP,
     TRAILER,
@@ -113,7 +114,7 @@ def load_transfer(bench: Bench) -> Iterator[Measured]:
 def at_rest(plant: Plant, seconds: float = _REST_S) -> FloatArray:
     """Return the wheel loads at rest [N], after the tread deflections of settling have faded."""
     plant.reset(0.0, 0.0, 0.0, 0.0)
-    return plant.advance(STOP, steps(plant, seconds)).wheels.load
+    return plant.advance(RELEASED, steps(plant, seconds)).wheels.load
 
 
 def _mobility(plant: Plant, load: FloatArray, cone_index: float) -> tuple[FloatArray, FloatArray]:

@@ -27,7 +27,7 @@ from ..truth import WHEELS, Wheels
 from ..vehicle.servos import tyres_of
 from ..wheels.ruts import Ruts
 from ..wheels.tyre_kernel import WheelSet, wheel_step
-from .bench import DRIVEN, STOP, TRAILER, Bench, column, drive, steps, wheel_places
+from .bench import DRIVEN, RELEASED, TRAILER, Bench, column, drive, steps, wheel_places
 from .manoeuvres import at_rest
 
 _FRONT: Final = ~(DRIVEN | TRAILER)
@@ -58,7 +58,7 @@ def standing(machine: Machine) -> list[float]:
     load = 1e-3 * at_rest(plant, _REST_S)
     deflection = 1e3 * (plant.tyres.radius - wheel_places(plant)[:, 2])
     plant.data.xfrc_applied[plant.body_names.index("tractor"), 3] = 3e3
-    roll = math.degrees(plant.advance(STOP, steps(plant, 3.0)).tractor.roll)
+    roll = math.degrees(plant.advance(RELEASED, steps(plant, 3.0)).tractor.roll)
     slope = machine.bench.plant(flat((30.0, 20.0)).tilted(math.radians(10.0), _UP["across"]))
     across = 1e-3 * at_rest(slope, _REST_S)
     return [
@@ -259,7 +259,7 @@ def shaken(machine: Machine) -> list[float]:
     rows = []
     for k in range(400):
         plant.data.xfrc_applied[bodies, 2] = np.array([4e3, 3e3]) * math.sin(rate * k * every_s)
-        load = plant.advance(STOP, steps(plant, every_s)).wheels.load
+        load = plant.advance(RELEASED, steps(plant, every_s)).wheels.load
         rows.append([*(1e-3 * load), *wheel_places(plant)[:, 2]])
     wave = np.exp(-1j * rate * every_s * np.arange(200)) @ np.array(rows[200:])
     wave[:6] *= np.exp(1j * rate * plant.timestep_s)  # a load is that of the step before

@@ -25,6 +25,10 @@ from ..vehicle import Vehicle
 # poles in place of three, a share of 1 cycles on grass, 0.45 to 0.75 give the same errors
 _PUSHING_SHARE = 0.55
 
+# [rad] or of the hydrostat: a command that its limits changed by less was not limited. Without it
+# the last bit of a sum decides whether an integral grows
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True)
 class PidOptions:
@@ -229,7 +233,9 @@ class PidFeedback(FeedbackLaw):
             error[Input.DELTA_T] = error[Input.DELTA_I]
             rate[Input.DELTA_T] = rate[Input.DELTA_I]
         growth = -self._integral[k] * error * course.period_s
-        winding_up = ((self._unlimited - sent) * growth > 0.0) | (np.abs(error) > self._capture[k])
+        beyond = self._unlimited - sent
+        beyond[np.abs(beyond) < _ROUNDING] = 0.0
+        winding_up = (beyond * growth > 0.0) | (np.abs(error) > self._capture[k])
         error = np.clip(error, -self._capture[k], self._capture[k])
         if k > 0:
             self._integrals = self._integrals + np.where(winding_up, 0.0, growth)

@@ -12,6 +12,7 @@ from proving_ground.experiments.scenario.scenario import load
 from tests.reference.models.kinematics import advance
 from tests.ttempc.closed_loop import PERIOD_S, seen_truth
 from ttempc.baselines.pid import (
+    PidFeedback,
     PidOptions,
     front_steering_gains,
     poles,
@@ -20,9 +21,10 @@ from ttempc.baselines.pid import (
     trailer_steering_gains,
 )
 from ttempc.guidance.controllers import make_controller
+from ttempc.laws.tracking_controller import ExactCourse
 from ttempc.models.kinematics import NO_DISTURBANCE, articulated, trailer_point_jacobian
 from ttempc.reference.path import straight
-from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.reference.reference import ConstantSpeed, Reference, guided
 from ttempc.types import State
 from ttempc.vehicle import Vehicle
 
@@ -101,6 +103,23 @@ def test_integral_waits_while_an_input_is_at_its_limit():
         beyond = reference.at(k * PERIOD_S).state + np.array([0.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
         command = controller.step(seen_truth(beyond, k * PERIOD_S, vehicle), k).command
     assert command.delta_t > 0.0
+
+
+def test_the_last_bit_of_a_command_does_not_decide_whether_an_integral_grows():
+    """Sums of another order, as on another processor, differ by 1e-16 from a command as it is."""
+    reference = Reference(straight(60.0), Vehicle(), ConstantSpeed(1.0))
+    course = ExactCourse(guided(reference, "tool"), PERIOD_S)
+    offset = np.array([0.0, 0.05, 0.0, 0.0, 0.05, 0.0, 0.0])
+    feedbacks = []
+    for rounding in (0.0, 1e-16, -1e-16):
+        law = PidFeedback(course, PidOptions())
+        sent = course.feedforward[0]
+        for k in range(5):
+            state = reference.at(k * PERIOD_S).state + offset
+            told = law.step(k, seen_truth(state, k * PERIOD_S, Vehicle()), sent)
+            sent = course.feedforward[k] + told.feedback + rounding
+        feedbacks.append(told.feedback)
+    np.testing.assert_allclose(feedbacks[1:], [feedbacks[0]] * 2, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["pid", "lqr"])
