@@ -48,6 +48,8 @@ class Consistency:
 
     states: tuple[StateConsistency, ...]
     sensors: tuple[SensorConsistency, ...]
+    position_nees: float  # of x and y together, by two: 1 where the claimed covariance is true
+    heading_nees: float  # of both yaws together, by two
     tractor_m: float  # mean distance of the estimated points from the true ones
     trailer_m: float
 
@@ -85,7 +87,8 @@ def consistency(estimates: Sequence[Estimate], record: Record) -> Consistency:
     )
     for angle in (State.PSI_T, State.PSI_I):
         error[:, angle] = [wrap_angle(value) for value in error[:, angle].tolist()]
-    variance = np.reshape([np.diag(item.covariance) for item in used], (-1, len(State)))
+    covariance = np.reshape([item.covariance for item in used], (-1, len(State), len(State)))
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
     trailer = np.reshape([item.trailer_xy for item in used], (-1, 2))
     trailer = trailer - table.columns("x_i_m", "y_i_m")[row]
     return Consistency(
@@ -100,6 +103,8 @@ def consistency(estimates: Sequence[Estimate], record: Record) -> Consistency:
             for state in State
         ),
         sensors=_sensors(used),
+        position_nees=_joint_nees(error, covariance, [State.X, State.Y]),
+        heading_nees=_joint_nees(error, covariance, [State.PSI_T, State.PSI_I]),
         tractor_m=_mean(np.hypot(*error[:, : State.PSI_T].T)),
         trailer_m=_mean(np.hypot(*trailer.T)),
     )
@@ -126,6 +131,14 @@ def format_consistency(figures: Consistency) -> list[str]:
         f"mean distance of the estimated points from the true ones: tractor "
         f"{100.0 * figures.tractor_m:.2f} cm, trailer {100.0 * figures.trailer_m:.2f} cm",
     ]
+
+
+def _joint_nees(error: FloatArray, covariance: FloatArray, states: list[State]) -> float:
+    """Return the mean of e' P^-1 e over the number of states, of errors e (n, 7), P (n, 7, 7)."""
+    of_states = error[:, states]
+    block = covariance[:, states][:, :, states]
+    weighted = np.linalg.solve(block, of_states[:, :, None])[:, :, 0]
+    return _mean(np.sum(of_states * weighted, axis=1)) / len(states)
 
 
 def _sensors(estimates: Sequence[Estimate]) -> tuple[SensorConsistency, ...]:

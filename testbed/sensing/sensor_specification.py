@@ -23,12 +23,19 @@ ANGLE_RANGE_DEG: Final = 90.0
 MAX_LATENCY_S: Final = 2.0  # ten control periods
 Latency = Annotated[float, Field(ge=0, le=MAX_LATENCY_S)]
 
-SensorPreset = Literal["paper", "field", "good"]
+SensorPreset = Literal["paper", "rtk", "field", "good"]
 
 SENSOR_PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
     {
         # Kayacan, Ramon and Saeys (2016), sec. II: the defaults of `SensorSpecification`.
         "paper": {},
+        # Equipment of today with the noise of the paper: velocity of the receivers, angle sensors
+        # of 12 bits in a turn, an IMU on each body.
+        "rtk": {
+            "gnss_velocity": "doppler",
+            "angle_resolution_deg": 0.088,
+            "imu": {"on": True},
+        },
         "field": {
             "gnss_error": "open-sky",
             "gnss_velocity": "doppler",
@@ -123,6 +130,7 @@ class SensorSpecification:
 
     preset: SensorPreset = "paper"
     """Preset that gives the absent keys of a file: "paper", white noise at the axle points;
+    "rtk", the same noise with velocities, angle sensors of 12 bits and an IMU on each body;
     "field", receivers under an open sky, late, antennas on masts, an IMU, and angle sensors
     with an offset; or "good", RTK of 8 mm, angle sensors of 0.3 deg and an IMU
     (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""

@@ -106,6 +106,8 @@ def _ratio(errors: FloatArray) -> str:
 
 _STATES: Final = tuple(state.name.lower() for state in State)
 _NUMBERS: Final = (
+    "position",
+    "heading",
     *_STATES,
     "NIS",
     "autocorrelation",
@@ -124,6 +126,8 @@ def consistent(job: SweepJob) -> Row:
     gnss = [item.autocorrelation for item in found.sensors if item.name.startswith("gnss")]
     errors = {name: item.nees for name, item in zip(_STATES, found.states, strict=True)}
     others = {
+        "position": found.position_nees,
+        "heading": found.heading_nees,
         "NIS": found.nis,
         "autocorrelation": float(np.mean(gnss)),
         "estimated tractor": 100.0 * found.tractor_m,

@@ -60,7 +60,7 @@ WRONG_TABLES = {
     ),
     "soil.tramlines=[{kind='path', track_m=0.2}]": "soil.tramlines.0: got tracks 0.3 m wide",
     "soil.name='moist'": "soil: got name 'moist' and cone_index_kpa 600",
-    "sensors.gnss_antenna='corrected'": "sensors: gnss_antenna 'corrected'",
+    "sensors={preset='paper', gnss_antenna='corrected'}": "sensors: gnss_antenna 'corrected'",
     " ": "must be key.key=value",
     "terrain": "--set terrain: must be key.key=value",
 }

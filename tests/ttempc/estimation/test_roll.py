@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.reference.estimation.augmented_state import augmented_rate, predicted_measurement
 from tests.ttempc.sensed_drive import VEHICLE, SensedDrive
 from ttempc.estimation.ekf import ExtendedKalmanFilter
-from ttempc.estimation.noise import SensorNoise
+from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.augmented_state import SIZE, STATES, AugmentedState
 from ttempc.sensors import STARTING_SENSORS
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
@@ -29,6 +30,10 @@ IMUS = (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)
 TURN = Command(delta_t=0.2, delta_i=-0.1, hp=SPEED_MPS / VEHICLE.speed_gain)
 """A curve to the left, in which the trailer stands at an angle to the tractor."""
 
+ARM_M = VEHICLE.trailer_length + VEHICLE.drawbar_length * math.cos(TURN.delta_i)
+BEND = (VEHICLE.axle_height_t - VEHICLE.axle_height_i) / ARM_M
+"""Yaw of the trailer itself beyond that of the flat model, per rad of roll of both bodies."""
+
 Samples = list[list[Measurement]]
 
 
@@ -36,7 +41,9 @@ Samples = list[list[Measurement]]
 class Tilting:
     """Vehicle on a curve whose bodies roll: the model with the side slip of its axle points.
 
-    An axle point h above the ground moves to the left at -h times the rate of roll.
+    An axle point h above the ground moves to the left at -h times the rate of roll. The trailer's
+    yaw in the flat model is that of the line from RJ1 to its axle point. RJ1 is halfway between the
+    heights of both axle points, so that the trailer itself stands `bend` further to the left.
     """
 
     rolling: tuple[float, float]  # share of the swing of tractor and trailer
@@ -78,15 +85,17 @@ class Tilting:
         x[AugmentedState.SLIP_I] = -VEHICLE.axle_height_i * rate_i / SPEED_MPS
 
     def _sample(self, x: FloatArray, time_s: float) -> list[Measurement]:
-        return [
-            Measurement(time_s, sensor, tuple(predicted_measurement(sensor, x, VEHICLE)[0]))
-            for sensor in STARTING_SENSORS
-        ]
+        values = {
+            sensor: predicted_measurement(sensor, x, VEHICLE)[0] for sensor in STARTING_SENSORS
+        }
+        values[Sensor.HITCH] -= BEND * self._rolls(time_s)[:, 0].mean()
+        return [Measurement(time_s, sensor, tuple(value)) for sensor, value in values.items()]
 
     def _attitude(self, x: FloatArray, time_s: float) -> list[Measurement]:
         middle = x.copy()
         self._slip(middle, time_s)
         rate = augmented_rate(middle, TURN.as_array(), VEHICLE)
+        rate[State.PSI_I] += BEND * self._rolls(time_s)[:, 1].mean()
         rolls = self._rolls(time_s)[:, 0]
         return [
             Measurement(time_s, sensor, (rate[State.PSI_T + body], rolls[body], 0.0))
@@ -95,8 +104,8 @@ class Tilting:
 
 
 def estimates_of(ticks: Samples, vehicle: Vehicle = VEHICLE) -> list[Estimate]:
-    """Return the estimates of a filter over the samples of a curve."""
-    estimator = ExtendedKalmanFilter(vehicle)
+    """Return the estimates over the samples of a curve of a filter without slip by the slope."""
+    estimator = ExtendedKalmanFilter(vehicle, process_noise=ProcessNoise(side_per_slope=0.0))
     return [estimator.update(k * PERIOD_S, samples, TURN) for k, samples in enumerate(ticks)]
 
 
@@ -120,26 +129,60 @@ def test_an_axle_that_steps_aside_by_roll_is_no_surprise(rolling):
     assert surprised > 30.0 * followed
 
 
-def test_axle_points_at_ground_level_take_nothing_from_roll(tilting):
-    level = [
-        [replace(m, value=(m.value[0], 0.0, 0.0)) if m.sensor in IMUS else m for m in samples]
-        for samples in tilting
+def without_roll(ticks: Samples, *imus: Sensor) -> Samples:
+    """Return the samples with IMUs that show no roll."""
+    return [
+        [replace(m, value=(m.value[0], 0.0, 0.0)) if m.sensor in imus else m for m in samples]
+        for samples in ticks
     ]
+
+
+def test_axle_points_at_ground_level_take_nothing_from_roll(tilting):
+    level = without_roll(tilting, *IMUS)
     for one, other in zip(estimates_of(tilting, FLAT), estimates_of(level, FLAT), strict=True):
         np.testing.assert_array_equal(one.state, other.state)
         np.testing.assert_array_equal(one.covariance, other.covariance)
 
 
-def test_a_tool_in_the_soil_holds_the_axle_of_the_trailer():
-    """With a tool the trailer's roll moves nothing, the tractor's what it moves without one."""
-    tool = replace(VEHICLE, tool_behind=1.0)
-    rolling = Tilting((0.0, 1.0)).samples()
-    still = replace(tool, axle_height_i=0.0)
-    one = estimates_of(rolling, tool)[-1]
-    other = estimates_of(rolling, still)[-1]
-    np.testing.assert_array_equal(one.state, other.state)
-    follows = largest_innovation(estimates_of(Tilting((1.0, 0.0)).samples(), tool))
-    assert follows < 0.01
+def test_a_tool_in_the_soil_holds_the_axle_of_the_trailer(tilting):
+    """With a tool, and axle points of one height, roll of the trailer moves nothing."""
+    tool = replace(VEHICLE, tool_behind=1.0, axle_height_i=VEHICLE.axle_height_t)
+    one = estimates_of(tilting, tool)[-1]
+    other = estimates_of(without_roll(tilting, Sensor.IMU_TRAILER), tool)[-1]
+    np.testing.assert_allclose(one.state, other.state, atol=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [0.4, -2.0])
+def test_on_a_slope_points_and_headings_are_those_of_rigid_bodies(yaw):
+    """A vehicle stands straight on a plane: the trailer point is that below its antenna.
+
+    Both axle points stand their heights above the plane, along its normal. The yaw of the trailer
+    in the estimate is the one with which the flat model has the trailer point there.
+    """
+    vehicle = replace(VEHICLE, axle_height_t=0.8, axle_height_i=0.4)
+    turn = Rotation.from_euler("ZYX", (yaw, -0.05, 0.12))
+    _, pitch, roll = turn.as_euler("ZYX")
+    behind = vehicle.hitch_offset + vehicle.drawbar_length + vehicle.trailer_length
+    tractor = turn.apply((0.0, 0.0, vehicle.axle_height_t))[:2]
+    trailer = turn.apply((-behind, 0.0, vehicle.axle_height_i))[:2]
+    values = {
+        Sensor.GNSS_TRACTOR: tuple(tractor),
+        Sensor.GNSS_TRAILER: tuple(trailer),
+        Sensor.IMU_TRACTOR: (0.0, roll, pitch),
+        Sensor.IMU_TRAILER: (0.0, roll, pitch),
+    }
+    estimator = ExtendedKalmanFilter(vehicle)
+    for k in range(150):
+        samples = [
+            Measurement(k * PERIOD_S, sensor, values.get(sensor, (0.0,)))
+            for sensor in (*IMUS, *STARTING_SENSORS)
+        ]
+        estimate = estimator.update(k * PERIOD_S, samples, Command(0.0, 0.0, 0.0))
+    assert np.hypot(*(estimate.trailer_xy - trailer)) < 0.01
+    arm = vehicle.trailer_length + vehicle.drawbar_length
+    left = (vehicle.axle_height_t - vehicle.axle_height_i) * math.sin(roll)
+    assert abs(estimate.state[State.PSI_T] - yaw) < 0.002
+    assert estimate.state[State.PSI_I] == pytest.approx(yaw - left / arm, abs=0.002)
 
 
 def mirrored(ticks: Samples) -> Samples:

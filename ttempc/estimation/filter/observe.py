@@ -43,7 +43,7 @@ from .history import (
 )
 from .predict import predict_until
 from .records import DISTURBANCES, FILTER, SAME_TIME_S, SNAPSHOT, GyroColumn
-from .sample import apply_sample
+from .sample import apply_sample, knows_attitude, shift_on_slope, trailer_arm
 
 LONGEST_GAP_S: Final = 1.0
 """Without update and sample for longer [s], the filter starts anew, see `observe_filter`."""
@@ -416,9 +416,8 @@ def write_snapshot(parameters: FloatArray, snapshot: FloatArray, estimate: Float
     """Write what an `ESTIMATE` has from a `SNAPSHOT`; nothing came in at it.
 
     The covariance is the filter's and that of what no state follows (Jazwinski 1970, sec. 8.4). On
-    a slope the axle points, at different heights above it, are shifted against each other: half of
-    that goes into the position, and the line between them turns. The slope's square is the square
-    of the side slip on it, less its variance.
+    a slope the axle points, at different heights above it, are shifted against each other, see
+    `_write_shift`.
     """
     f = record(parameters, FILTER)
     now = record(snapshot, SNAPSHOT)
@@ -428,23 +427,14 @@ def write_snapshot(parameters: FloatArray, snapshot: FloatArray, estimate: Float
     for i in range(STATES):
         e.covariance[i, i] += f.unmodelled[i]
 
-    side_x = x[AugmentedState.SIDE_X]
-    side_y = x[AugmentedState.SIDE_Y]
-    square = side_x**2 + side_y**2
-    variance = now.covariances[0, AugmentedState.SIDE_X, AugmentedState.SIDE_X]
-    variance += now.covariances[0, AugmentedState.SIDE_Y, AugmentedState.SIDE_Y]
-    if square > variance:
-        shift_squared = f.axle_shift**2 * (1.0 - variance / square)
-        psi_i = x[AugmentedState.PSI_I]
-        across = side_y * math.cos(psi_i) - side_x * math.sin(psi_i)
-        e.covariance[State.PSI_I, State.PSI_I] += shift_squared * (across / f.line) ** 2
-        for i in range(2):
-            for j in range(2):
-                e.covariance[i, j] += 0.25 * shift_squared * x[_SIDE + i] * x[_SIDE + j]
+    if knows_attitude(snapshot):
+        _write_shift(parameters, snapshot, estimate)
+    else:
+        _add_unknown_shift(parameters, snapshot, estimate)
 
     # The position has the noise of the last roll, see `_step_aside`
     if not math.isnan(now.gyros[Body.TRACTOR, GyroColumn.TIME_S]):
-        by_roll = f.axle_heights[Body.TRACTOR] ** 2 * f.roll_variance
+        by_roll = f.axle_height**2 * f.roll_variance
         e.covariance[State.X, State.X] += by_roll * math.sin(x[AugmentedState.PSI_T]) ** 2
         e.covariance[State.Y, State.Y] += by_roll * math.cos(x[AugmentedState.PSI_T]) ** 2
 
@@ -457,3 +447,49 @@ def write_snapshot(parameters: FloatArray, snapshot: FloatArray, estimate: Float
     e.nis = 0.0
     e.nis_dof = 0.0
     e.position_seen = 0.0
+
+
+@cached_njit(error_model="numpy")
+def _write_shift(parameters: FloatArray, snapshot: FloatArray, estimate: FloatArray) -> None:
+    """Move the trailer in an `ESTIMATE` by the shift of its axle point on the slope.
+
+    Controllers use a flat model. The yaw of the trailer is therefore the one with which that model
+    has the trailer point where it is; the covariance has the difference to the true yaw.
+    """
+    now = record(snapshot, SNAPSHOT)
+    e = record(estimate, ESTIMATE)
+    shift = shift_on_slope(parameters, snapshot)
+    psi_i = now.augmented[0, AugmentedState.PSI_I]
+    e.trailer_xy[0] += shift.ahead * math.cos(psi_i) - shift.left * math.sin(psi_i)
+    e.trailer_xy[1] += shift.ahead * math.sin(psi_i) + shift.left * math.cos(psi_i)
+    turn = -shift.left / trailer_arm(parameters, snapshot)
+    e.state[State.PSI_I] += turn
+    e.hitch_angle -= turn
+    e.covariance[State.PSI_I, State.PSI_I] += turn**2
+
+
+@cached_njit(error_model="numpy")
+def _add_unknown_shift(parameters: FloatArray, snapshot: FloatArray, estimate: FloatArray) -> None:
+    """Add the variance of a shift of the axle points against each other on an unknown slope.
+
+    Half of the shift goes into the position, and the line between both points turns. The slope's
+    square is the square of the side slip on it, less its variance.
+    """
+    f = record(parameters, FILTER)
+    now = record(snapshot, SNAPSHOT)
+    e = record(estimate, ESTIMATE)
+    x = now.augmented[0]
+    side_x = x[AugmentedState.SIDE_X]
+    side_y = x[AugmentedState.SIDE_Y]
+    square = side_x**2 + side_y**2
+    variance = now.covariances[0, AugmentedState.SIDE_X, AugmentedState.SIDE_X]
+    variance += now.covariances[0, AugmentedState.SIDE_Y, AugmentedState.SIDE_Y]
+    if square <= variance:
+        return
+    shift_squared = (f.axle_difference * f.slope_per_slip) ** 2 * (1.0 - variance / square)
+    psi_i = x[AugmentedState.PSI_I]
+    across = side_y * math.cos(psi_i) - side_x * math.sin(psi_i)
+    e.covariance[State.PSI_I, State.PSI_I] += shift_squared * (across / f.line) ** 2
+    for i in range(2):
+        for j in range(2):
+            e.covariance[i, j] += 0.25 * shift_squared * x[_SIDE + i] * x[_SIDE + j]

@@ -45,12 +45,18 @@ FILTER: Final = np.dtype(
         ("patience", "f8", SENSOR_COUNT),  # for which the gate may reject a sensor [s]
         ("gates", "f8", SENSOR_COUNT),  # of the normalised squared innovation
         ("antenna_heights", "f8", 2),  # above the axle points [m]
-        ("axle_heights", "f8", 2),  # above the ground about which each body rolls [m]
+        ("axle_height", "f8"),  # of the tractor's above the ground about which it rolls [m]
+        ("axle_difference", "f8"),  # tractor's axle point above the trailer's [m]
+        (
+            "roll_levers",
+            "f8",
+            2,
+        ),  # height of RJ1, with which roll of each body turns the trailer [m]
         ("roll_variance", "f8"),  # of a sample of roll [rad^2]
         ("memory_s", "f8"),
         ("unmodelled", "f8", STATES),  # variances of what no state follows, but of the speed's
         ("speed_unmodelled", "f8"),  # variance of the speed at 1 m/s and a factor of 1
-        ("axle_shift", "f8"),  # shift of the trailer's position by the slip on a slope [m/rad]
+        ("slope_per_slip", "f8"),  # slope that a side slip fixed in the map tells [rad/rad]
         ("line", "f8"),  # between both positions on a straight [m]
         ("side_per_slope", "f8"),  # side slip on a slope [rad/rad]
     ]
@@ -131,14 +137,17 @@ def filter_parameters(
         f["patience"][receivers] = _LONGER_PATIENCE_S
     f["antenna_heights"] = sensors.antenna_height_t, sensors.antenna_height_i
 
-    # Roll moves the axle points sideways; a tool in the soil holds that of the trailer.
-    trailer_height = 0.0 if vehicle.tool_behind else vehicle.axle_height_i
-    f["axle_heights"] = vehicle.axle_height_t, trailer_height
+    # Roll moves the axle points sideways; a tool in the soil holds the trailer. RJ1 is taken to be
+    # halfway between the heights of the axle points.
+    joint_height = 0.5 * (vehicle.axle_height_t + vehicle.axle_height_i)
+    f["axle_height"] = vehicle.axle_height_t
+    f["axle_difference"] = vehicle.axle_height_t - vehicle.axle_height_i
+    f["roll_levers"] = joint_height, 0.0 if vehicle.tool_behind else joint_height
     f["roll_variance"] = sensors.attitude**2
 
     # What no state follows. A bias of roll turns the line between both antennas for good.
     f["line"] = vehicle.hitch_offset + vehicle.drawbar_length + vehicle.trailer_length
-    f["axle_shift"] = (vehicle.axle_height_t - vehicle.axle_height_i) / process.slip_per_slope
+    f["slope_per_slip"] = 1.0 / process.slip_per_slope
     f["unmodelled"][[State.X, State.Y]] = sensors.position_variance
     f["unmodelled"][State.PSI_I] = (sensors.lever_arm_bias / f["line"]) ** 2
     f["unmodelled"][State.DELTA_T] = sensors.angle_offset**2  # `STEERING` takes it up

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from ...jit import cached_njit, local, record
 from ...layout import FLOAT
@@ -35,7 +35,14 @@ def apply_sample(
     variance = f.variances[sensor]
     if SENSOR_KINDS[sensor] == SensorKind.POSITION and s.entries[2] == FLOAT:
         variance = max(variance, f.float_variance)
-    reading = Reading(sensor, s.entries[0], s.entries[1], variance)
+    first = s.entries[0]
+    second = s.entries[1]
+    if sensor == SensorIndex.GNSS_TRAILER and knows_attitude(snapshot):
+        shift = shift_on_slope(parameters, snapshot)
+        psi_i = record(snapshot, SNAPSHOT).augmented[0, AugmentedState.PSI_I]
+        first -= shift.ahead * math.cos(psi_i) - shift.left * math.sin(psi_i)
+        second -= shift.ahead * math.sin(psi_i) + shift.left * math.cos(psi_i)
+    reading = Reading(sensor, first, second, variance)
     return _gate(parameters, snapshot, sample, reading, workspace)
 
 
@@ -88,13 +95,15 @@ def _apply_inertial(
 
 @cached_njit(error_model="numpy")
 def _step_aside(parameters: FloatArray, snapshot: FloatArray, body: int, rolled: float) -> None:
-    """Move the axle point of a body that has rolled by an angle [rad], left side up.
+    """Move axle point and trailer by an angle by which a body has rolled [rad], left side up.
 
-    The body rolls about the ground, its axle point h above it steps to its left by y = -h rolled,
-    as a side slip would move it. With the yaw `lam` of the tractor against the trailer, whose axle
-    is an arm l = L_i + c + d cos(delta_i) behind RJ1 along the drawbar (`state_rate`),
+    Both bodies roll about the ground. The tractor's axle point, h above it, and RJ1, h_j above it,
+    step to the left by -h rolled and -h_j rolled; the trailer's roll moves the ground below its
+    axle against RJ1 by h_j rolled. With the arm l of the trailer and its yaw `lam` behind the
+    tractor, as a side slip would do it (`state_rate`),
 
-        tractor: x += y n(psi_t), psi_i += y cos(lam) / l;    trailer: psi_i -= y / l.
+        tractor: x -= h rolled n(psi_t), psi_i -= h_j rolled cos(lam) / l
+        trailer: psi_i += h_j rolled / l.
 
     The noise of roll is that of two samples in a step. In the sum of the steps it is that of the
     last sample alone: the position gathers none, and `write_snapshot` adds it. The trailer's yaw
@@ -103,19 +112,56 @@ def _step_aside(parameters: FloatArray, snapshot: FloatArray, body: int, rolled:
     f = record(parameters, FILTER)
     now = record(snapshot, SNAPSHOT)
     x = now.augmented[0]
-    psi_t = x[AugmentedState.PSI_T]
+    yaw_per_roll = f.roll_levers[body] / trailer_arm(parameters, snapshot)
+    if body == Body.TRACTOR:
+        psi_t = x[AugmentedState.PSI_T]
+        yaw_per_roll *= -math.cos(psi_t - x[AugmentedState.PSI_I])
+        x[AugmentedState.X] += f.axle_height * rolled * math.sin(psi_t)
+        x[AugmentedState.Y] -= f.axle_height * rolled * math.cos(psi_t)
+    x[AugmentedState.PSI_I] += yaw_per_roll * rolled
+    variance = 2.0 * f.roll_variance * yaw_per_roll**2
+    now.covariances[0, AugmentedState.PSI_I, AugmentedState.PSI_I] += variance
+
+
+@cached_njit(error_model="numpy")
+def trailer_arm(parameters: FloatArray, snapshot: FloatArray) -> float:
+    """Return L_i + c + d cos(delta_i), over which a side step turns the trailer [m]."""
+    f = record(parameters, FILTER)
+    delta_i = record(snapshot, SNAPSHOT).augmented[0, AugmentedState.DELTA_I]
     arm = f.vehicle[VehicleParameter.TRAILER_LENGTH]
     arm += f.vehicle[VehicleParameter.TRAILER_TURNING_OFFSET]
-    arm += f.vehicle[VehicleParameter.DRAWBAR_LENGTH] * math.cos(x[AugmentedState.DELTA_I])
-    yaw_per_step = -1.0 / arm
-    step = -f.axle_heights[body] * rolled
-    if body == Body.TRACTOR:
-        yaw_per_step = math.cos(psi_t - x[AugmentedState.PSI_I]) / arm
-        x[AugmentedState.X] -= step * math.sin(psi_t)
-        x[AugmentedState.Y] += step * math.cos(psi_t)
-    x[AugmentedState.PSI_I] += yaw_per_step * step
-    variance = 2.0 * f.roll_variance * (f.axle_heights[body] * yaw_per_step) ** 2
-    now.covariances[0, AugmentedState.PSI_I, AugmentedState.PSI_I] += variance
+    return arm + f.vehicle[VehicleParameter.DRAWBAR_LENGTH] * math.cos(delta_i)
+
+
+class Shift(NamedTuple):
+    """Shift of the trailer's axle point on a slope against its place in the flat model [m]."""
+
+    ahead: float
+    left: float
+
+
+@cached_njit(error_model="numpy")
+def knows_attitude(snapshot: FloatArray) -> bool:
+    """Whether there was a sample of both IMUs."""
+    now = record(snapshot, SNAPSHOT)
+    tractor_s = now.gyros[Body.TRACTOR, GyroColumn.TIME_S]
+    trailer_s = now.gyros[Body.TRAILER, GyroColumn.TIME_S]
+    return not math.isnan(tractor_s + trailer_s)
+
+
+@cached_njit(error_model="numpy")
+def shift_on_slope(parameters: FloatArray, snapshot: FloatArray) -> Shift:
+    """Return the shift of the trailer's axle point, by the last samples of both IMUs.
+
+    Across a slope the tractor's axle point, e higher above the ground than the trailer's, is e
+    sin(roll) further to the right; along it, e sin(pitch) further ahead. With RJ1 halfway between
+    both heights, roll and pitch are the means of both bodies.
+    """
+    f = record(parameters, FILTER)
+    now = record(snapshot, SNAPSHOT)
+    roll = 0.5 * (now.gyros[0, GyroColumn.ROLL] + now.gyros[1, GyroColumn.ROLL])
+    pitch = 0.5 * (now.gyros[0, GyroColumn.PITCH] + now.gyros[1, GyroColumn.PITCH])
+    return Shift(-f.axle_difference * math.sin(pitch), f.axle_difference * math.sin(roll))
 
 
 @cached_njit(error_model="numpy")
