@@ -113,8 +113,8 @@ class Vehicle:
     axle_height_i: float = 0.3
     # Side slip of an axle by the lateral acceleration of its body [rad s^2/m]: mass on the axle
     # over the cornering stiffness of its tyres; 0: not known
-    compliance_t: float = 0.0  # rear axle of the tractor
-    compliance_i: float = 0.0  # trailer axle
+    compliance_t: float = 0.019  # rear axle of the tractor; kayacan2016
+    compliance_i: float = 0.0243  # trailer axle; kayacan2016
     reverse: bool = False  # gear: hydrostat positions -1..0 in reverse, else 0..1 as in the paper
 
     def __post_init__(self) -> None:

@@ -47,7 +47,7 @@ class Problem(NamedTuple):
     """Settings of a block's problem and the arrays in which it is solved: q = m Nc steps."""
 
     model: Model
-    weight: FloatArray  # of the outputs (p,)
+    weight: FloatArray  # of the outputs at every tick (ticks, p); the last row holds for later ones
     step_weight: FloatArray  # (q,)
     damping: float  # tau of y + tau y' for the cross-track errors y, in periods
     most: int  # iterations
@@ -142,8 +142,11 @@ def iterate(task: Task, problem: Problem, solved: bool, plan: Plan) -> bool:
     accepted = problem.vectors[_ACCEPTED]
     gradient = problem.vectors[_GRADIENT]
     size = steps.size
-    errors = np.empty((len(task.poses), problem.weight.size))
-    jacobian = np.empty((len(task.poses), problem.weight.size, size))
+    errors = np.empty((len(task.poses), problem.weight.shape[1]))
+    jacobian = np.empty((len(task.poses), problem.weight.shape[1], size))
+    weight = np.empty((len(task.poses), problem.weight.shape[1]))
+    for j in range(len(weight)):
+        weight[j] = problem.weight[min(task.k + 1 + j, len(problem.weight) - 1)]
     if solved:
         evaluate(task, problem, errors, jacobian)
     while True:
@@ -152,7 +155,7 @@ def iterate(task: Task, problem: Problem, solved: bool, plan: Plan) -> bool:
             cost = condense(
                 errors,
                 jacobian,
-                problem.weight,
+                weight,
                 problem.step_weight,
                 problem.damping,
                 steps,
@@ -274,6 +277,7 @@ class GaussNewton:
         iterations: of each block in a tick, at most.
         damping: tau of y + tau y' for the cross-track errors y, in periods.
         tolerance: largest change of a converged plan.
+        weight_factors: of the weights of all outputs at every tick (ticks, p); without them 1.
 
     Raises:
         MissingPackage: the package of the tuning's solver is not installed.
@@ -287,11 +291,17 @@ class GaussNewton:
         iterations: int,
         damping: float = 0.0,
         tolerance: float = TOLERANCE,
+        weight_factors: FloatArray | None = None,
     ) -> None:
         self.report = CLOSED_FORM_REPORT  # of the last tick
         self.fallback = ""  # why its steps are not the minimiser; empty where they are
+        factors = np.ones((1, len(tuning.output_weight)))
+        if weight_factors is not None:
+            factors = weight_factors
         problems = [
-            new_problem(model, bounds, tuning, iterations, damping)._replace(tolerance=tolerance)
+            new_problem(model, bounds, tuning, iterations, damping, factors)._replace(
+                tolerance=tolerance
+            )
             for model in models
         ]
         self.first = problems[0]
@@ -373,7 +383,12 @@ def _qp(problem: Problem, sums: FloatArray) -> QP:
 
 
 def new_problem(
-    model: Model, bounds: StageBounds, tuning: HorizonTuning, iterations: int, damping: float
+    model: Model,
+    bounds: StageBounds,
+    tuning: HorizonTuning,
+    iterations: int,
+    damping: float,
+    weight_factors: FloatArray,
 ) -> Problem:
     """Return settings and arrays for the block of a model; arguments as of `GaussNewton`."""
     inputs = model.block.inputs
@@ -382,7 +397,7 @@ def new_problem(
     columns = (_M * np.arange(moves)[:, None] + inputs).ravel()
     return Problem(
         model=model,
-        weight=np.array(tuning.output_weight)[model.block.outputs],
+        weight=(weight_factors * np.array(tuning.output_weight))[:, model.block.outputs],
         step_weight=np.tile(np.array(tuning.step_weight)[inputs], moves),
         damping=damping,
         most=iterations,

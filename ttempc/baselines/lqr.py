@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import check_choice, check_positive, check_vector
+from ..laws.near_stop import weight_factors
 from ..laws.options import steering_step_factors
 from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
 from ..models.linear import riccati_gains
@@ -74,7 +75,8 @@ def step_gains(
 
         z_{k+1} = A_k z_k + B_k u_k,    y_k = C_k z_k,    u_k = u_{k-1} + Delta u_k,
 
-    with A (N, n, n), B (N, n, m), C (N + 1, p, n) and the diagonal weights Q (p,), R (m,). The
+    with A (N, n, n), B (N, n, m), C (N + 1, p, n) and the diagonal weights Q (p,), of all
+    ticks or of each (N + 1, p), and R (m,). The
     regulator's state is (z_k, u_{k-1}) and its terminal cost C_N' Q C_N.
     """
     count, n, m = b.shape
@@ -84,7 +86,8 @@ def step_gains(
     augmented[:, n:, n:] = np.eye(m)
     by_step = augmented[:, :, n:]  # a step acts as the previous input does
     cost = np.zeros((count + 1, n + m, n + m))
-    cost[:, :n, :n] = [(outputs.T * output_weight) @ outputs for outputs in c]
+    weighted = c * np.broadcast_to(output_weight, c.shape[:2])[:, :, None]
+    cost[:, :n, :n] = c.transpose(0, 2, 1) @ weighted
     return riccati_gains(augmented, by_step, cost[:-1], step_weight, cost[-1])
 
 
@@ -102,7 +105,9 @@ class LqrFeedback(FeedbackLaw):
         steps[: Input.HP] *= steering_step_factors(course.vehicle, course.reference.speed.top_speed)
         if course.vehicle.reverse:
             steps[: Input.HP] *= options.reverse_factor
-        self._gains = step_gains(a, b, c, np.array(options.output_weight), steps)  # (N, 3, 19)
+        factors = weight_factors(course.reference, len(c), course.period_s)
+        weights = factors * np.array(options.output_weight)
+        self._gains = step_gains(a, b, c, weights, steps)  # (N, 3, 19)
         heading = self._gains[:, 0, State.PSI_T] + self._gains[:, 0, State.PSI_I]
         slope = np.abs(heading / self._gains[:, 0, State.Y])
         self._capture = math.radians(options.capture_deg) * slope  # (N,) [m]

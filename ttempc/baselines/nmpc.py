@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from ..errors import check_choice, check_count
+from ..laws.near_stop import weight_factors
 from ..laws.options import MpcOptions
 from ..laws.tracking_controller import (
     ExactCourse,
@@ -125,7 +126,10 @@ class NonlinearFeedback(FeedbackLaw):
         models = tuple(articulated_model(vehicle, period_s, block) for block in decomposition)
         remaining = remaining_bounds(course.feedforward, course.limits)
         bounds = move_bounds(tuning, period_s, len(course.feedforward), remaining)
-        self._solver = GaussNewton(models, bounds, tuning, iterations, damping)
+        factors = weight_factors(course.reference, len(course.grid.state), period_s)
+        self._solver = GaussNewton(
+            models, bounds, tuning, iterations, damping, weight_factors=factors
+        )
         self._motion = new_motion(models[0], tuning.horizon)
         grid = course.grid
         self._poses = np.hstack(

@@ -161,7 +161,7 @@ def condense(
 ) -> float:
     """Return the cost at `steps` (q,), and write the QP of the linearised outputs.
 
-    sum_j y_j' Q y_j + s' R s with y_j = errors_j + jacobian_j (s - steps) is, but for a constant,
+    sum_j y_j' Q_j y_j + s' R s with y_j = errors_j + jacobian_j (s - steps) is, but for a constant,
     1/2 s'Hs + g's with `hessian` (q, q) and `gradient` (q,). The outputs are those of
     `weighted_row`; those after the free steps depend on all of them.
     """
@@ -173,15 +173,15 @@ def condense(
     hessian[:, :] = 0.0
     gradient[:] = 0.0
     for j in range(len(errors)):
-        for output in range(weight.size):
+        for output in range(weight.shape[1]):
             weighted_row(values, j, output, damping, 1, now)
             weighted_row(jacobian, j, output, damping, q, row)
-            cost += weight[output] * now[0] * now[0]
+            cost += weight[j, output] * now[0] * now[0]
             rest = now[0]
             for i in range(q):
                 rest -= row[i] * steps[i]
             for i in range(q):
-                factor = 2.0 * weight[output] * row[i]
+                factor = 2.0 * weight[j, output] * row[i]
                 if factor == 0.0:  # a later step
                     continue
                 gradient[i] += factor * rest

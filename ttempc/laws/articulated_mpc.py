@@ -18,6 +18,7 @@ from ..types import FloatArray
 from ..vehicle import Vehicle
 from .articulated_law import ArticulatedLaw
 from .law_records import NOMINAL, ONE_STEP, law_of
+from .near_stop import weight_factors
 from .options import ArticulatedOptions, NominalOptions
 from .parts import (
     BackupPlan,
@@ -91,6 +92,7 @@ def articulated_controller(
         free_bounds=tube.bounds if tube else None,
         soft=soft_bounds(model, options, tube),
         damped=DampedApproach(options.damping_s).outputs(model),
+        weight_factors=weight_factors(course.reference, len(model.c), period_s),
     )
     return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid), lap))
 

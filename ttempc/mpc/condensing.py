@@ -67,7 +67,7 @@ class Stages(NamedTuple):
     outputs: FloatArray  # C (N + 1, p, r)
     bounds: StageBounds  # of the free stages of every tick, (ticks, m Nc)
     matrix: FloatArray  # from the steps to the inputs after the first one, (m Nc - m, m Nc)
-    output_weight: FloatArray  # diagonal of Q (p,)
+    output_weight: FloatArray  # diagonal of Q of every tick (N + 1, p)
     step_weight: FloatArray  # diagonal of R (m,)
     soft_rows: FloatArray  # S (N + 1, s, r) of the soft bounds; (0, 0, r) without them
     soft_lower: FloatArray  # (N + 1, s)
@@ -144,8 +144,8 @@ def write_hessian(k: int, stages: Stages, outputs: FloatArray, work: Work) -> No
             hessian[a, b] = 0.0
     for j in range(horizon):
         now = min(m * (j + 1), size)
-        for p in range(stages.output_weight.size):
-            weight = stages.output_weight[p]
+        for p in range(stages.output_weight.shape[1]):
+            weight = stages.output_weight[k + j + 1, p]
             if weight == 0.0:
                 continue
             for a in range(now):
@@ -229,13 +229,13 @@ def write_gradient(k: int, stages: Stages, outputs: FloatArray, work: Work) -> N
             slope[i] = 0.0
 
         # outputs of z_{k+j+1}, with the entries that are constant
-        for p in range(stages.output_weight.size):
+        for p in range(stages.output_weight.shape[1]):
             error = 0.0
             for i in range(r):
                 error += outputs[k + j + 1, p, i] * work.free[j + 1, i]
             for i in range(r, outputs.shape[2]):
                 error += outputs[k + j + 1, p, i] * work.state[i]
-            error *= 2.0 * stages.output_weight[p]
+            error *= 2.0 * stages.output_weight[k + j + 1, p]
             for i in range(r):
                 ahead[i] += error * outputs[k + j + 1, p, i]
 

@@ -121,6 +121,7 @@ class CondensedHorizon(Immutable):
             its line: from an error of `ACQUISITION_BEGINS_M` on until both it and the output are
             within `ACQUISITION_ENDS_M`.
         soft: bounds on outputs of the states z_{k+1} ... z_{k+Np}, kept as far as possible.
+        weight_factors: of the weights of the outputs at every tick (N + 1, p); without them 1.
 
     Raises:
         InvalidTuning: shapes do not fit, or the cost of a tick is not finite and convex.
@@ -137,6 +138,7 @@ class CondensedHorizon(Immutable):
         free_bounds: StageBounds | None = None,
         soft: OutputBounds | None = None,
         damped: FloatArray | None = None,
+        weight_factors: FloatArray | None = None,
     ) -> None:
         if outputs is None:
             outputs = np.broadcast_to(np.eye(a.shape[2]), (len(a) + 1, *a.shape[1:]))
@@ -151,13 +153,16 @@ class CondensedHorizon(Immutable):
         soft = soft or OutputBounds.none(a.shape[2])
         if damped is None:
             damped = np.zeros((0, *outputs.shape[1:]))
+        weights = np.tile(np.array(tuning.output_weight), (len(outputs), 1))
+        if weight_factors is not None:
+            weights *= weight_factors
         self.stages = Stages(
             a=np.ascontiguousarray(a[:, :r]),
             b=np.ascontiguousarray(b[:, :r]),
             outputs=np.ascontiguousarray(outputs[..., :r]),
             bounds=StageBounds(*map(np.ascontiguousarray, bounds)),
             matrix=sums[b.shape[2] :].astype(np.float64),
-            output_weight=np.array(tuning.output_weight),
+            output_weight=weights,
             step_weight=np.array(tuning.step_weight),
             soft_rows=np.ascontiguousarray(soft.rows[..., :r]),
             soft_lower=soft.lower,

@@ -61,8 +61,8 @@ class Checking(GaussNewton):
 
     checked = 0
 
-    def __init__(self, *arguments):
-        super().__init__(*arguments, tolerance=1e-9)
+    def __init__(self, *arguments, **keywords):
+        super().__init__(*arguments, **keywords, tolerance=1e-9)
 
     def minimise(self, task):
         before = task.motion.copy()
@@ -76,14 +76,15 @@ class Checking(GaussNewton):
 
     def check(self, task, problem, plan):
         own, solution = problem.model.block.inputs, problem.vectors[2].copy()
-        size, outputs = len(solution), len(problem.weight)
+        size, outputs = len(solution), problem.weight.shape[1]
+        weight = problem.weight[task.k + 1 : task.k + 1 + len(task.poses)]
         errors = np.empty((len(task.poses), outputs))
         jacobian = np.empty((len(task.poses), outputs, size))
 
         def cost(given):
             problem.vectors[1] = given
             evaluate(task, problem, errors, jacobian)
-            return np.array([np.sum(problem.weight * errors**2) + problem.step_weight @ given**2])
+            return np.array([np.sum(weight * errors**2) + problem.step_weight @ given**2])
 
         (slope,) = central_differences(cost, solution)
         moves = size // len(own)

@@ -145,7 +145,8 @@ def test_the_condensed_qp_has_the_cost_of_the_linearised_outputs():
     weight, step_weight = generator.uniform(size=2), generator.uniform(size=6)
     hessian, gradient = np.empty((6, 6)), np.empty(6)
     at, other = generator.normal(size=6), generator.normal(size=6)
-    cost = condense(errors, jacobian, weight, step_weight, 0.0, at, hessian, gradient)
+    weights = np.tile(weight, (len(errors), 1))
+    cost = condense(errors, jacobian, weights, step_weight, 0.0, at, hessian, gradient)
 
     def linearised(steps):
         outputs = errors + jacobian @ (steps - at)
