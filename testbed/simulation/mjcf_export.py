@@ -38,8 +38,8 @@ def mjcf_files(plant: Plant) -> dict[str, bytes]:
 
     They are the scene, the heights where the ground is not level, the wheels, the soil where its
     strength is not the same everywhere, and a program that drives a slalom. The keyframe `home` is
-    the present position at rest. An implement's draft, ruts so far and the imperfections of
-    actuators and sensors are not in them.
+    the present position at rest; the file of the wheels has the deflection of the treads there. An
+    implement's draft, ruts so far and the imperfections of actuators and sensors are not in them.
     """
     spec = build_spec(plant.vehicle, plant.terrain, plant.wheel_law, plant.timestep_s)
     _put_contacts(spec, plant)
@@ -62,16 +62,20 @@ def mjcf_files(plant: Plant) -> dict[str, bytes]:
 
 def _wheels(plant: Plant) -> WheelsFile:
     keys = [each.name for each in fields(Tyre)]
-    tyres = {}
-    for name in WHEELS:
+    settled = plant.wheels.treads.round(9)  # [m] the file has no number below 1e-12
+    tyres: dict[str, Tyre] = {}
+    treads: dict[str, tuple[float, float, float]] = {}
+    for name, (along, across, rolling) in zip(WHEELS, settled.tolist(), strict=True):
         wheel = plant.vehicle.wheels[name.split("_")[0]]
         tyres[name] = Tyre(**{key: getattr(wheel, key) for key in keys})
+        treads[name] = (along, across, rolling)
     uniform = np.ptp(plant.ground.cone_index) == 0.0
     return WheelsFile(
         tyres=tyres,
         ground="ground" if uniform else "",
         cone_index_kpa=float(plant.ground.cone_index.flat[0]),
         ruts=plant.ground.ruts,
+        treads_m=treads,
         law=plant.soil_law,
     )
 

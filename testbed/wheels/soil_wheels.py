@@ -29,6 +29,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, Self
 
 import mujoco
@@ -54,6 +55,7 @@ LONGEST_STEP_S: Final = 0.004
 """Longest time step for which the law is stable."""
 
 _DEFAULT_LAW: Final = SoilLaw()
+_NO_TREADS: Final = MappingProxyType[str, tuple[float, float, float]]({})
 _MOST_GROUND_BYTES: Final = 320_000_000  # of an archive of heights and strengths
 _EXPLICIT: Final = "Euler, implicit or implicitfast"
 
@@ -70,6 +72,9 @@ class WheelsFile:
     """Strength of the soil, where the ground is a geom."""
     ruts: bool = False
     """Whether the wheels press the ground."""
+    treads_m: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Deflection of a wheel's tread along, across and in rolling, at the start and after a reset;
+    0 for a wheel that is not named."""
     law: SoilLaw = field(default=_DEFAULT_LAW)
     """Coefficients of traction, motion resistance and side force."""
 
@@ -87,6 +92,7 @@ class SoilWheels:
         ground: name of a geom of the world, a plane or a height field; or a `Ground`.
         cone_index_kpa: strength of the soil where `ground` is the name of a geom.
         law: coefficients of traction, motion resistance and side force.
+        treads_m: deflections of the treads at the start and after a reset, see `WheelsFile`.
 
     Raises:
         InvalidPlant: a name is unknown, a wheel has no hinge, two wheels share a body, the ground
@@ -102,6 +108,7 @@ class SoilWheels:
         ground: str | Ground,
         cone_index_kpa: float = 600.0,
         law: SoilLaw = _DEFAULT_LAW,
+        treads_m: Mapping[str, tuple[float, float, float]] = _NO_TREADS,
     ) -> None:
         if not tyres:
             raise InvalidPlant("wheels: got no name, must be the bodies or geoms of the wheels")
@@ -132,6 +139,12 @@ class SoilWheels:
         self._data: mujoco.MjData | None = None
         self._hubs: Hubs | None = None
         self._instant = _Instant.none()
+        self._first_treads: Final = np.zeros_like(self._forces.treads)
+        for name, tread in treads_m.items():
+            if name not in self.names:
+                raise InvalidPlant(f"treads_m: got {name!r}, must be one of the wheels")
+            self._first_treads[self.names.index(name)] = tread
+        self.reset()
 
     @classmethod
     def from_file(cls, model: mujoco.MjModel, file: str | Path) -> Self:
@@ -152,7 +165,7 @@ class SoilWheels:
             except OSError as error:
                 raise InvalidPlant(f"{archive}: cannot be read: {error.strerror}") from None
         ground = replace(ground, ruts=content.ruts)
-        return cls(model, content.tyres, ground=ground, law=content.law)
+        return cls(model, content.tyres, ground=ground, law=content.law, treads_m=content.treads_m)
 
     def apply(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Write the forces of the ground into the rows of the wheels' bodies in `xfrc_applied`.
@@ -196,8 +209,9 @@ class SoilWheels:
             mujoco.set_mjcb_passive(previous)
 
     def reset(self) -> None:
-        """Return to undeflected treads and, with ruts, to untouched ground."""
+        """Return to the treads of the start and, with ruts, to untouched ground."""
         self._forces.reset()
+        self._forces.treads[:] = self._first_treads
         self._instant = _Instant.none()
 
     @property
