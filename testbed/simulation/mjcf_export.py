@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from ..configuration.resources import resource
+from ..foreign_files import read_bounded
 from ..ground.ground import GROUND_FILE
 from ..ground.terrain import Terrain
 from ..truth import WHEELS
@@ -56,7 +57,7 @@ def mjcf_files(plant: Plant) -> dict[str, bytes]:
     content[WHEELS_FILE] = write_wheels(_wheels(plant)).encode()
     if np.ptp(plant.ground.cone_index) > 0.0:
         content[GROUND_FILE] = plant.ground.to_npz()
-    content[DRIVER_FILE] = resource("proving_ground.mjcf", DRIVER_FILE).read_bytes()
+    content[DRIVER_FILE] = read_bounded(resource("proving_ground.mjcf", DRIVER_FILE))
     return content
 
 

@@ -40,9 +40,9 @@ from pydantic.dataclasses import dataclass
 from ttempc.suggestion import did_you_mean
 from ttempc.types import FloatArray
 
-from ..bounded_read import read_bounded
 from ..configuration.config_io import STRICT, StrengthKpa, read_toml, validated
 from ..errors import InvalidPlant
+from ..foreign_files import read_member
 from ..ground.ground import GROUND_FILE, Ground
 from ..ground.shapes import ground_of_geom
 from ..truth import Wheels
@@ -161,7 +161,7 @@ class SoilWheels:
         else:
             archive = file.with_name(GROUND_FILE)
             try:
-                ground = Ground.from_npz(read_bounded(archive, _MOST_GROUND_BYTES))
+                ground = Ground.from_npz(read_member(file.parent, GROUND_FILE, _MOST_GROUND_BYTES))
             except OSError as error:
                 raise InvalidPlant(f"{archive}: cannot be read: {error.strerror}") from None
         ground = replace(ground, ruts=content.ruts)
@@ -291,7 +291,11 @@ class _Instant:
 
 def write_wheels(parameters: WheelsFile) -> str:
     """Return the text of a file of wheels."""
-    return tomli_w.dumps(asdict(parameters))
+    content = asdict(parameters)
+    for tyre in content["tyres"].values():
+        for key in [key for key, value in tyre.items() if value is None]:
+            del tyre[key]
+    return tomli_w.dumps(content)
 
 
 def _check_step(model: mujoco.MjModel) -> None:
