@@ -52,20 +52,31 @@ def advance(model, data, wheels, seconds):
 # --- the law
 
 
+def brixius(tyre, load_n, cone_index_kpa, slip):
+    """W. W. Brixius, ASAE paper 87-1622, bias-ply tyres: net pull and torque over load."""
+    width, diameter = tyre.width_m, 2.0 * tyre.radius_m
+    cn = cone_index_kpa * 1e3 * width * diameter / load_n
+    bn = cn * (1.0 + 5.0 * tyre.relative_deflection) / (1.0 + 3.0 * width / diameter)
+    gross = 0.88 * (1.0 - math.exp(-0.1 * bn)) * (1.0 - math.exp(-7.5 * slip)) + 0.04
+    return gross - (1.0 / bn + 0.04 + 0.5 * slip / math.sqrt(bn)), gross
+
+
 @pytest.mark.parametrize("cone_index_kpa", [250.0, 900.0])
 @pytest.mark.parametrize("slip", [0.05, 0.20])
 def test_a_wheel_on_the_rig_pulls_by_brixius(slip, cone_index_kpa):
-    """W. W. Brixius, ASAE paper 87-1622, bias-ply tyres, in numbers of this tyre."""
     load_n = 240.0 * 9.81  # carriage and wheel
-    width, diameter, deflection_share = 0.24, 0.80, 0.20
-    cn = cone_index_kpa * 1e3 * width * diameter / load_n
-    bn = cn * (1.0 + 5.0 * deflection_share) / (1.0 + 3.0 * width / diameter)
-    gross = 0.88 * (1.0 - math.exp(-0.1 * bn)) * (1.0 - math.exp(-7.5 * slip)) + 0.04
-    resistance = 1.0 / bn + 0.04 + 0.5 * slip / math.sqrt(bn)
+    expected = brixius(RIG.TYRE, load_n, cone_index_kpa, slip)
+    assert RIG.pull_at(slip, cone_index_kpa) == pytest.approx(expected, abs=1e-3)
 
-    pull, torque = RIG.pull_at(slip, cone_index_kpa)
-    assert torque == pytest.approx(gross, abs=1e-3)
-    assert pull == pytest.approx(gross - resistance, abs=1e-3)
+
+def test_a_rover_climbs_with_the_slip_that_carries_its_weight():
+    slope = math.radians(20.0)
+    _, _, slip = ROVER.drive(slope, 4.0, 4.0)
+    load_n = 58.0 * 9.81 * math.cos(slope) / 4.0
+    pull, _ = brixius(ROVER.TYRE, load_n, 300.0, slip)
+    assert pull == pytest.approx(math.tan(slope), rel=0.03)
+    _, turned, _ = ROVER.drive(0.0, -1.0, 1.0)
+    assert 0.5 < turned < 0.15 * 6.0 / 0.28  # it skids: less than by rolling on a circle
 
 
 def test_the_ground_carries_the_weight_and_takes_the_momentum():
