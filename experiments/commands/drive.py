@@ -325,8 +325,7 @@ def validate(arguments: argparse.Namespace) -> int:
     from ..pictures.report.validation_report import format_check, validation_report
 
     name, scenario = options.load_scenario(arguments)
-    stem = f"{name}-validation-{scenario.plant.wheels}"
-    folder = arguments.out or options.unused_path(Path("runs"), stem)
+    folder = arguments.out or options.unused_path(Path("runs"), f"{name}-validation")
     validation = validation_report(
         name,
         scenario,
@@ -344,19 +343,20 @@ def validate(arguments: argparse.Namespace) -> int:
     options.SEED,
 )
 def mjcf(arguments: argparse.Namespace) -> int:
-    """Write a scenario's vehicle on its ground as files that MuJoCo loads without this
-    project: scene.xml, and ground.hf where the ground is not level. The wheels have
-    MuJoCo's own contact; the keyframe `home` stands at the start. Actuators: front
-    steering [rad], drawbar [rad], hydrostat from -1 to 1.
+    """Write a scenario's vehicle on its ground for MuJoCo: scene.xml, with ground.hf where
+    the ground is not level; wheels.toml, with ground.npz where the soil varies; drive.py,
+    which drives a slalom with the wheels on soil as here. Without this project the
+    wheels have MuJoCo's own contact. The keyframe `home` stands at the start. Actuators:
+    front steering [rad], drawbar [rad], hydrostat from -1 to 1.
 
       ttempc mjcf patchy -o patchy
-      python -m mujoco.viewer --mjcf=patchy/scene.xml
+      cd patchy; python drive.py
+      python -m mujoco.viewer --mjcf=scene.xml
     """
     # Imported here so that --help does not load MuJoCo.
     from ...testbed.simulation.mjcf_export import mjcf_files
     from ..run.assembly import assemble
 
-    arguments.overrides = [*arguments.overrides, "plant.wheels=contact"]
     name, scenario = options.load_scenario(arguments)
     folder = arguments.out or options.unused_path(Path("runs"), f"{name}-mjcf-{arguments.seed}")
     assembly = assemble(scenario, arguments.seed)

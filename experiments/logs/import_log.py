@@ -323,7 +323,7 @@ def _write(out: Path, scenario: Scenario, content: _Content) -> None:
     motion = content.motion
     metadata = content.metadata
     terrain = _ground(motion)
-    plant = Plant(scenario.vehicles().plant, terrain, SoilMap(600.0), wheels=scenario.plant.wheels)
+    plant = Plant(scenario.vehicles().plant, terrain, SoilMap(600.0))
     scenery = replace(plant.scenery, frame=content.frame)
     state, poses = _states(plant, motion)
     line = _line(motion, content.mission)

@@ -189,7 +189,6 @@ def assemble(
         plan.vehicles.plant,
         plan.terrain,
         plan.soil,
-        wheels=settings.wheels,
         wheel_law=settings.wheel_law,
         timestep_s=settings.timestep_s,
         actuators=scenario.actuators,

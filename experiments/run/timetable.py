@@ -54,7 +54,6 @@ class Timetable:
             period_s=scenario.control.period_s,
             sensors=scenario.sensors,
             vehicle=vehicle,
-            soil_wheels=scenario.plant.wheels == "soil",
             true_state=scenario.controller.estimator == TRUTH,
         )
         table = cls(scenario.faults, reference, ticks, context)

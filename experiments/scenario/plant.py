@@ -10,7 +10,6 @@ from ...testbed.configuration.config_io import STRICT
 from ...testbed.discretisation import whole_steps
 from ...testbed.simulation.deadline import STEP_LIMIT_S
 from ...testbed.wheels.soil_law import SoilLaw
-from ...testbed.wheels.wheel_models import DEFAULT_WHEEL_MODEL, WheelModelName
 from ..errors import InvalidScenario
 from .vehicle import PlantVehicleSettings
 
@@ -23,8 +22,6 @@ _RECORD_RATE_HZ: Final = 25.0  # of the truth at least: that of the paper's fast
 class PlantSettings:
     """Simulated vehicle and method of simulation."""
 
-    wheels: WheelModelName = DEFAULT_WHEEL_MODEL
-    """Wheel forces: traction equations of the soil, or MuJoCo's own contacts."""
     timestep_s: Annotated[float, Field(ge=0.0005, le=0.004)] = 0.002
     """Physics step."""
     wheel_law: SoilLaw = SoilLaw()

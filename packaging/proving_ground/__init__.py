@@ -23,8 +23,12 @@ if TYPE_CHECKING:
     from .experiments.scenario.scenario import Scenario, load
     from .experiments.studies.sweep.engine import engine
     from .experiments.studies.sweep.sweep import drive_points
+    from .testbed.ground.ground import Ground
     from .testbed.log.reader import read_log
     from .testbed.recording.record import Record
+    from .testbed.wheels.soil_law import SoilLaw
+    from .testbed.wheels.soil_wheels import SoilWheels
+    from .testbed.wheels.tyre import Tyre
 
 if not (Path(__file__).parent / "testbed").is_dir():
     __path__.append(str(Path(__file__).parents[2]))
@@ -33,8 +37,12 @@ if not (Path(__file__).parent / "testbed").is_dir():
 import_module(".testbed.deferred_renderer", __name__).defer_renderer()
 
 __all__ = [
+    "Ground",
     "Record",
     "Scenario",
+    "SoilLaw",
+    "SoilWheels",
+    "Tyre",
     "__version__",
     "drive_points",
     "engine",
@@ -46,8 +54,12 @@ __all__ = [
 ]
 
 _MODULE_OF = {
+    "Ground": "testbed.ground.ground",
     "Record": "testbed.recording.record",
     "Scenario": "experiments.scenario.scenario",
+    "SoilLaw": "testbed.wheels.soil_law",
+    "SoilWheels": "testbed.wheels.soil_wheels",
+    "Tyre": "testbed.wheels.tyre",
     "drive_points": "experiments.studies.sweep.sweep",
     "engine": "experiments.studies.sweep.engine",
     "load": "experiments.scenario.scenario",

@@ -51,7 +51,6 @@ class FaultContext:
     period_s: float  # length of a control period [s]
     sensors: SensorSpecification
     vehicle: PlantVehicle
-    soil_wheels: bool  # the wheels have forces of the soil, not MuJoCo's contacts
     true_state: bool  # the controller is given the true state; there are no samples
 
 

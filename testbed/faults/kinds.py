@@ -38,7 +38,6 @@ from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..vehicle.vehicle import Steering
 from ..wheels.tyre import TYRE
-from ..wheels.wheel_models import SoilWheels
 from .fault import SAME_TIME_S, Fault, FaultContext, Key, Row, Window, fault_type
 
 Made = Any
@@ -504,7 +503,7 @@ def _push(plant: Plant, force: FloatArray, point: FloatArray, body: int) -> None
 
 
 def _free(fault: Fault, plant: Plant) -> Effect:
-    actuator = "steer" if fault.kind.startswith("front") else "rj2"
+    actuator = "steer" if fault.kind.startswith("front") else "trailer_steer"
     limits = plant.model.actuator_forcerange[plant.model.actuator(actuator).id]
     return _switched(limits, np.zeros(2))
 
@@ -527,9 +526,7 @@ def _no_shift(fault: Made, context: FaultContext) -> str:
 
 
 def _flat(fault: Made, plant: Plant) -> Effect:
-    wheels = plant.wheels
-    assert isinstance(wheels, SoilWheels)
-    tyre = wheels.tyre_table[WHEELS.index(fault.wheel)]
+    tyre = plant.wheels.tyre_table[WHEELS.index(fault.wheel)]
     flat = tyre.copy()
     constants = flat.view(TYRE)
     constants["radius"] -= fault.radius_loss_m
@@ -538,8 +535,6 @@ def _flat(fault: Made, plant: Plant) -> Effect:
 
 
 def _not_flat(fault: Made, context: FaultContext) -> str:
-    if not context.soil_wheels:
-        return 'plant.wheels must be "soil"'
     loss = fault.radius_loss_m
     wheel = context.vehicle.wheels[fault.wheel.split("_")[0]]
     if loss > 0.5 * wheel.radius_m:

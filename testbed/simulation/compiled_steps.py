@@ -1,4 +1,4 @@
-"""Physics steps of a plant with soil wheels in one compiled call.
+"""Physics steps of a plant in one compiled call.
 
 `soil_steps` has the order of a step. Its parts: `actuation/actuators.py`, `wheels/tyre_kernel.py`,
 `vehicle/steering_coupling.py`, `implement/tool_kernel.py`, `vehicle/drive_limits.py`,
@@ -24,7 +24,7 @@ from ..truth import TruthBlock
 from ..vehicle.drive_limits import DriveLimits, limit_drive
 from ..vehicle.steering_coupling import Coupling, couple_joints
 from ..wheels.tyre_kernel import WheelSet, wheel_step
-from ..wheels.wheel_models import SoilWheels
+from ..wheels.wheel_forces import WheelForces
 from .fast_mujoco.contacts import (
     ContactWatch,
     begin_watch,
@@ -112,7 +112,8 @@ class CompiledSteps:
 def compiled_steps(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    wheels: SoilWheels,
+    wheels: WheelForces,
+    coupling: Coupling,
     implement: MountedImplement | None,
     ground: Ground,
     drive: DriveLimits,
@@ -131,7 +132,7 @@ def compiled_steps(
     model.opt.disableflags |= EXPLICIT
     machine = Machine(
         wheels=wheels.kernel,
-        coupling=wheels.coupling,
+        coupling=coupling,
         drive=drive,
         dynamics=Dynamics.of(model, data),
         contacts=ContactWatch.of(model, data, ground, flags),

@@ -1,4 +1,4 @@
-"""Physics steps of a plant by MuJoCo's own functions, called from Python, with any wheel model.
+"""Physics steps of a plant by MuJoCo's own functions, called from Python.
 
 Its order is that of `compiled_steps.soil_steps`. Under `NUMBA_DISABLE_JIT=1` the kernels are Python
 as well, so that a debugger stops in each of them.
@@ -16,7 +16,8 @@ from ..actuation.actuators import move_valves, put_set_points
 from ..implement.mounted import MountedImplement
 from ..truth import TruthBlock
 from ..vehicle.drive_limits import DriveLimits, limit_drive
-from ..wheels.wheel_models import WheelModel
+from ..vehicle.steering_coupling import Coupling, couple_joints
+from ..wheels.wheel_forces import WheelForces
 from .held_command import HeldCommand
 from .truth_rows import State, write_truth
 
@@ -27,7 +28,8 @@ class PlainSteps:
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    wheels: WheelModel
+    wheels: WheelForces
+    coupling: Coupling
     implement: MountedImplement | None
     drive: DriveLimits
     state: State
@@ -47,8 +49,7 @@ class PlainSteps:
         places = self.state.places
         data.ctrl[:] = held.command
         for stop in range(len(truths.rows)):
-            self.wheels.prepare()
-            for step in range(held.stride):
+            for _ in range(held.stride):
                 if held.axes.size:
                     delta_t = float(data.qpos[places.delta_t])
                     delta_i = float(data.qpos[places.delta_i])
@@ -56,13 +57,12 @@ class PlainSteps:
                     put_set_points(held.valves, self.state.ctrl)
 
                 self.wheels.step()
+                couple_joints(self.coupling)
                 if self.implement:
                     self.implement.step()
                 limit_drive(self.drive)
 
                 mujoco.mj_step2(self.model, data)
-                if step == held.stride - 1:  # while contacts and their forces are of one step
-                    self.wheels.write_report()
                 after_step()
                 mujoco.mj_step1(self.model, data)
             write_truth(data.time, self.state, truths, stop)

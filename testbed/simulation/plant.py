@@ -15,6 +15,7 @@ import numpy as np
 from ttempc.types import Command, FloatArray
 
 from ..actuation.actuators import VALVE, Actuators, ActuatorSpecification, CommandPath
+from ..bodies import Bodies
 from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
 from ..ground.soil import RandomField, SoilMap
@@ -26,11 +27,12 @@ from ..truth import TOOL_SIZE, TRUTH_SIZE, WHEELS, Truth, TruthBlock, Wheels
 from ..vehicle.appearance import paint_ground
 from ..vehicle.drive_limits import DriveLimits, limit_drive
 from ..vehicle.servos import tyres_of
+from ..vehicle.steering_coupling import Coupling
 from ..vehicle.vehicle import PlantVehicle
 from ..vehicle.vehicle_model import build_spec, level_model, physics_model
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import Tyres
-from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, SoilWheels, wheel_model
+from ..wheels.wheel_forces import WheelForces
 from .compiled_steps import CompiledSteps, compiled_steps
 from .fast_mujoco.self_check import CHECKED_STEPS, SELF_CHECK
 from .held_command import HeldCommand
@@ -56,7 +58,7 @@ class Snapshot:
     """Complete state of the plant."""
 
     physics: FloatArray  # MuJoCo's integration state
-    wheel_state: FloatArray  # `WheelModel.state`
+    wheel_state: FloatArray  # `WheelForces.state`
     output: FloatArray  # (6, 7) last report of the wheels
     implement: FloatArray  # `MountedImplement.state`, empty without an implement
     valves: Any  # state of `Plant.actuators`: commands that are still in the command path
@@ -69,7 +71,6 @@ class Plant:
         vehicle: the true vehicle.
         terrain: shape of the ground.
         soil: strength of the ground.
-        wheels: name of the wheel model, see `wheel_models`.
         wheel_law: coefficients of traction, motion resistance and side force.
         timestep_s: of the physics.
         actuators: imperfections between a command and the servos; none by default.
@@ -86,7 +87,6 @@ class Plant:
         terrain: Terrain,
         soil: SoilMap,
         *,
-        wheels: str = DEFAULT_WHEEL_MODEL,
         wheel_law: SoilLaw = _DEFAULT_LAW,
         timestep_s: float = 0.002,
         actuators: ActuatorSpecification | None = None,
@@ -97,17 +97,26 @@ class Plant:
         self.terrain = terrain
         self.soil = soil
         self.tyres = tyres_of(vehicle)
-        self.wheel_law = wheel_law.of(self.tyres.radial)
-        self._spec = build_spec(vehicle, terrain, wheels, wheel_law, timestep_s)
+        self.soil_law: Final = wheel_law
+        self.wheel_law = wheel_law.of(self.tyres.radial)  # of each wheel
+        self._spec = build_spec(vehicle, terrain, wheel_law, timestep_s)
         if implement:
             draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))
-        self.model = physics_model(self._spec, wheel_model(wheels).couples_steering)
+        self.model = physics_model(self._spec)
         self.data = mujoco.MjData(self.model)
         model = self.model
         data = self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
         self.ground = Ground(terrain, soil.rasterised(terrain), soil.ruts)
-        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, self.wheel_law)
+        self.wheels: Final = WheelForces(
+            self.tyres,
+            self.ground,
+            self.wheel_law,
+            Bodies.of(data),
+            np.array([model.body(wheel).id for wheel in WHEELS]),
+            float(model.opt.timestep),
+        )
+        self.coupling: Final = Coupling.of(model, data)
         self.implement = implement and MountedImplement(
             implement,
             model,
@@ -122,13 +131,10 @@ class Plant:
         self.lever_arms: FloatArray = model.site_pos[[places.antenna_t, places.antenna_i]]
 
         drive = self._drive = DriveLimits.of(model, data, vehicle)
-        self._plain = PlainSteps(model, data, self.wheels, self.implement, drive, self._state)
-        self._steps: PlainSteps | CompiledSteps = self._plain
-        if type(self.wheels) is SoilWheels:  # a subclass may step in a way of its own
-            compiled = compiled_steps(
-                model, data, self.wheels, self.implement, self.ground, drive, self._state
-            )
-            self._steps = compiled or self._plain
+        parts = (model, data, self.wheels, self.coupling, self.implement)
+        self._plain = PlainSteps(*parts, drive, self._state)
+        compiled = compiled_steps(*parts, self.ground, drive, self._state)
+        self._steps: PlainSteps | CompiledSteps = compiled or self._plain
 
         # views of MuJoCo's arrays, bound once
         self._warnings = data.warning.number
@@ -187,7 +193,7 @@ class Plant:
     def drive(self, command: Command, stops: int, stride: int) -> TruthBlock:
         """Hold a command and return the state after every `stride` physics steps, `stops` times.
 
-        It is one compiled call, unless wheels or command path are of Python. The arrays are new.
+        It is one compiled call, unless the command path is of Python. The arrays are new.
 
         Raises:
             PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
@@ -411,8 +417,7 @@ def check_standing(
             f"{place} the {WHEELS[worst]} tyre is pressed flat on its rim: "
             f"it carries {load:.0f} N, {load / rated:.1f} times its rated load"
         )
-    # forces of soil wheels are applied forces, those of contact wheels are constraints
-    force = data.xfrc_applied[:, :3].sum(axis=0) + data.qfrc_constraint[:3]
+    force = data.xfrc_applied[:, :3].sum(axis=0)
     up = data.body("tractor").xmat.reshape(3, 3)[:, 2]
     share = -(force @ up) / (model.body_mass.sum() * (model.opt.gravity @ up))
     if not abs(share - 1.0) <= _BALANCE:

@@ -19,7 +19,6 @@ from ..truth import WHEELS, Truth
 from ..vehicle.vehicle import PlantVehicle
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import WheelMotion
-from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL
 
 FIRM_KPA: Final = SoilMap.named("hard").background
 SPEED: Final = 1.0  # [m/s] default of the experiments
@@ -38,7 +37,6 @@ class Bench:
     terrain: Terrain  # of the scenario, slope included
     soil: SoilMap
     slope_rad: float = 0.0
-    wheels: str = DEFAULT_WHEEL_MODEL
     wheel_law: SoilLaw = SoilLaw()  # noqa: RUF009 - frozen
     timestep_s: float = 0.002
 
@@ -85,7 +83,6 @@ class Bench:
             self.vehicle,
             ground or flat((60.0, 40.0)),
             cone_index if isinstance(cone_index, SoilMap) else SoilMap(cone_index),
-            wheels=self.wheels,
             wheel_law=self.wheel_law,
             timestep_s=timestep_s or self.timestep_s,
         )

@@ -25,9 +25,9 @@ from ..ground.terrain import (
 )
 from ..simulation.plant import Plant
 from ..truth import WHEELS
+from ..vehicle.steering_coupling import couple_joints
 from ..vehicle.vehicle import AxleLoads
 from ..wheels import tyre
-from ..wheels.wheel_models import wheel_model
 from .bench import (
     DRIVEN,
     FIRM_KPA,
@@ -406,11 +406,6 @@ def efficiency(bench: Bench) -> Iterator[Measured]:
     The published band is that of the surface nearest in Bn under the static load.
     """
     cone_index = bench.cone_index
-    if not wheel_model(bench.wheels).follows_soil_law:
-        reason = "Coulomb friction has no curve of traction over slip"
-        yield Measured(None, note=reason, words={"kpa": cone_index})
-        yield Measured(None, note=reason, words={"surface": ""})
-        return
     plant = bench.plant(flat((60.0, 10.0)), cone_index)
     load, free = _free_slip(plant, cone_index)
     wanted = (free, *_SLIPS[free + 0.005 < _SLIPS])
@@ -674,8 +669,8 @@ def free_fall(bench: Bench) -> Iterator[Measured]:
     mujoco.mj_step1(plant.model, data)
     energy, momentum, spin = _mechanics(plant)
     data.xfrc_applied[:] = 0.0
-    for _ in range(steps(plant, _FALL_S)):  # without the wheel model: no wheel touches the ground
-        plant.wheels.couple()
+    for _ in range(steps(plant, _FALL_S)):  # without forces of wheels: none touches the ground
+        couple_joints(plant.coupling)
         mujoco.mj_step2(plant.model, data)
         mujoco.mj_step1(plant.model, data)
     energy_after, momentum_after, spin_after = _mechanics(plant)
@@ -719,14 +714,13 @@ def _slide(plant: Plant) -> None:
     """Advance one physics step with the normal forces of the wheels alone."""
     model = plant.model
     data = plant.data
-    if plant.wheels.follows_soil_law:
-        ids = np.array([plant.body_names.index(wheel) for wheel in WHEELS])
-        motion = wheel_motion(plant)
-        touch = tyre.contact(plant.tyres, plant.terrain, motion)
-        force = touch.load[:, None] * touch.normal
-        data.xfrc_applied[ids, :3] = force
-        data.xfrc_applied[ids, 3:] = np.cross(touch.point - motion.centre, force)
-    plant.wheels.couple()
+    ids = np.array([plant.body_names.index(wheel) for wheel in WHEELS])
+    motion = wheel_motion(plant)
+    touch = tyre.contact(plant.tyres, plant.terrain, motion)
+    force = touch.load[:, None] * touch.normal
+    data.xfrc_applied[ids, :3] = force
+    data.xfrc_applied[ids, 3:] = np.cross(touch.point - motion.centre, force)
+    couple_joints(plant.coupling)
     mujoco.mj_step2(model, data)
     mujoco.mj_step1(model, data)
 

@@ -7,9 +7,7 @@ A load of a scenario does not change them.
 # pyright: reportAttributeAccessIssue=false
 
 import math
-import re
 from dataclasses import replace
-from operator import attrgetter
 from typing import Final
 
 import mujoco
@@ -59,7 +57,7 @@ def put_servos(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None
     spec.joint("steer").armature = _LINKAGE_TIME * damping  # [kg m^2]
     trailer = _TRAILER_TORQUE * loads.trailer * vehicle.trailer.length_m
     deflection = _TRAILER_DEFLECTION if vehicle.trailer_steering.limit_deg else _RIGID_DEFLECTION
-    _put_steering(spec.actuator("rj2"), vehicle.trailer_steering, trailer, deflection)
+    _put_steering(spec.actuator("trailer_steer"), vehicle.trailer_steering, trailer, deflection)
     lag, wheel_speed, damping, torque = drive_servo(vehicle, law)
     hydrostat = spec.actuator("hydrostat")
     hydrostat.dynprm[0] = lag
@@ -159,11 +157,7 @@ def wheel_loads(vehicle: PlantVehicle) -> FloatArray:
 
 def tyres_of(vehicle: PlantVehicle) -> Tyres:
     """Return the tyres of the wheels in the order of `WHEELS`."""
-    names = ("radius_m", "width_m", "section_height_m")  # in the order of `Tyres`
-    numbers = attrgetter(*names, "relative_deflection", "rated_load_n", "damping_spm")
-    wheels = [vehicle.wheels[wheel.split("_")[0]] for wheel in WHEELS]
-    radial = np.array([re.search(r"\dR", wheel.size) is not None for wheel in wheels])
-    return Tyres(*np.array([numbers(wheel) for wheel in wheels]).T.copy(), radial=radial)
+    return Tyres.of([vehicle.wheels[wheel.split("_")[0]] for wheel in WHEELS])
 
 
 def _empty(vehicle: PlantVehicle) -> PlantVehicle:

@@ -30,6 +30,7 @@ from ..configuration.config_io import (
 from ..configuration.resources import ShippedFiles
 from ..errors import InvalidPlant
 from ..foreign_files import read_bounded
+from ..wheels.tyre import Tyre
 
 DEFAULT_VEHICLE: Final = "kayacan2016"
 VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
@@ -37,9 +38,6 @@ VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".t
 
 GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
 _LEAST_SHARE: Final = 0.05  # of the tractor's weight on each axle; it must steer and drive
-MOST_DEFLECTION: Final = 0.5
-"""Largest deflection of a tyre at its rated load over its section height."""
-_INCH_M: Final = 0.0254
 _WIDEST_KNUCKLE_DEG: Final = 65.0  # beyond it the quartic of MuJoCo's coupling does not fit
 
 Compliance = Annotated[float, Field(ge=0.0, le=0.1)]
@@ -72,55 +70,11 @@ class FrontAxle:
     pivot_limit_deg: AngleDeg
 
 
-@dataclass(frozen=True, config=STRICT)
-class Wheel:
-    """One of a pair of wheels; `testbed.wheels.tyre.Tyres` uses the numbers.
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Wheel(Tyre):
+    """One of a pair of wheels."""
 
-    The stiffness of the tyre is given by its relative deflection, or by pressure and age:
-
-        dW/d delta = 172 - 1.77 D + 5.6 A + 0.34 b D p   [kN/m]
-
-    with rim diameter D and width b [in], age A [years] and pressure p [bar], rolling tractor tyres
-    (J. A. Lines and K. Murphy, "The stiffness of agricultural tractor tyres", J. Terramechanics 28,
-    1991, from memory). The load grows with the deflection to the power of 1.5, so that the
-    deflection at the rated load is 1.5 times the rated load over this stiffness.
-
-    Raises:
-        ValueError: neither deflection nor pressure is given, or the tyre of this pressure is too
-            soft for its rated load.
-    """
-
-    size: str  # as printed on the tyre
-    radius_m: Positive  # of the unloaded tyre
-    width_m: Positive  # of the tyre's section
-    section_height_m: Positive
-    rated_load_n: Positive
-    damping_spm: NotNegative  # growth of the normal force per speed of approach
     mass_kg: Positive  # tyre and rim
-    # at the rated load, over the section height; where a pressure is given, pressure and age count
-    relative_deflection: Annotated[float, Field(gt=0, lt=MOST_DEFLECTION)] | None = None
-    pressure_bar: Annotated[float, Field(gt=0, le=6)] | None = None  # of inflation
-    age_years: Annotated[float, Field(ge=0, le=30)] = 0.0  # tyres stiffen; only with a pressure
-
-    def __post_init__(self) -> None:
-        if self.pressure_bar is None:
-            if self.relative_deflection is None:
-                raise ValueError("needs relative_deflection or pressure_bar")
-            return
-        deflection = self._deflection_m(self.pressure_bar) / self.section_height_m
-        if not 0.0 < deflection < MOST_DEFLECTION:
-            raise ValueError(
-                f"got pressure_bar {self.pressure_bar:g}: the deflection at the rated load would "
-                f"be {deflection:.2f} of the section height, must be below {MOST_DEFLECTION:g}"
-            )
-        object.__setattr__(self, "relative_deflection", deflection)
-
-    def _deflection_m(self, pressure_bar: float) -> float:
-        """Return the deflection at the rated load and a pressure [m]."""
-        rim = 2.0 * (self.radius_m - self.section_height_m) / _INCH_M
-        width = self.width_m / _INCH_M
-        stiffness = 172.0 - 1.77 * rim + 5.6 * self.age_years + 0.34 * width * rim * pressure_bar
-        return 1.5 * self.rated_load_n / (1e3 * stiffness)
 
 
 @dataclass(frozen=True, config=STRICT)

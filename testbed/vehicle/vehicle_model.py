@@ -24,7 +24,6 @@ from ..errors import InvalidPlant
 from ..ground.terrain import Terrain
 from ..truth import WHEELS
 from ..wheels.soil_law import SoilLaw
-from ..wheels.wheel_models import wheel_model
 from .appearance import put_tyres
 from .servos import put_servos
 from .vehicle import PlantVehicle, knuckle_angle
@@ -43,17 +42,15 @@ Scale = tuple[float, float, float]  # of x, y, z
 
 
 def build_spec(
-    vehicle: PlantVehicle, terrain: Terrain, wheels: str, law: SoilLaw, timestep_s: float
+    vehicle: PlantVehicle, terrain: Terrain, law: SoilLaw, timestep_s: float
 ) -> mujoco.MjSpec:
     """Return the model of the vehicle on this ground, ready to be compiled.
 
-    `wheels` is the name of a wheel model; the drive is calibrated by the `law` of wheels on soil.
+    The drive is calibrated by the `law` of wheels on soil.
 
     Raises:
-        InvalidPlant: there is no wheel model of that name, the time step is out of range, or the
-            vehicle cannot drive.
+        InvalidPlant: the time step is out of range, or the vehicle cannot drive.
     """
-    adapt = wheel_model(wheels).adapt
     if not 0.0 < timestep_s <= 0.004:  # front wheels shimmy at 0.008
         raise InvalidPlant(f"plant.timestep_s: got {timestep_s}, must be above 0, at most 0.004")
     spec = mujoco.MjSpec.from_file(str(resource("proving_ground.mjcf", _MJCF)))
@@ -71,22 +68,21 @@ def build_spec(
     _put_load(spec, vehicle)
     _put_ground(spec, terrain)
     put_tyres(spec, vehicle)
-    adapt(spec)
     return spec
 
 
-def physics_model(spec: mujoco.MjSpec, coupled: bool) -> mujoco.MjModel:
+def physics_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Return the model of a plant: without visual shapes, lights and cameras, 14 % of a step.
 
-    `coupled`: a force of the plant couples the joints, see `steering_coupling`. The constraints
-    that do it in a model by itself are then inactive.
+    A force of the plant couples the joints, see `steering_coupling`. The constraints that do it in
+    a model by itself are inactive.
     """
     lean = spec.copy()
     lean.compiler.discardvisual = True
     for item in [*lean.cameras, *lean.lights]:
         lean.delete(item)
     for constraint in lean.equalities:
-        constraint.active = not coupled
+        constraint.active = False
     model = lean.compile()
     for body in range(1, model.nbody):
         _align_inertia(model, body)

@@ -1,1 +1,1 @@
-"""Wheel models: the law of tyres on soil, and contacts of MuJoCo."""
+"""Law of tyres on soil, and wheels of any MuJoCo model that follow it."""

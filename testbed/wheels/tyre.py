@@ -3,13 +3,18 @@
 A wheel is a disc above a Winkler bed: height look-ups under the disc give the normal force.
 """
 
-from dataclasses import dataclass
-from typing import Final
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass as stdlib_dataclass
+from typing import Annotated, Final, Self
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from ttempc.types import FloatArray
 
+from ..configuration.config_io import STRICT, NotNegative, Positive
 from ..ground.terrain import Terrain
 from .soil_law import SoilLaw
 
@@ -37,6 +42,11 @@ SMALLEST_LOAD: Final = 50.0  # [N] floor of the load in divisions
 SMALL_SPEED: Final = 0.05  # [m/s] floor in the reported slips (the forces need none)
 LEAST_UPRIGHT: Final = 0.3  # cosine of disc to vertical below which a wheel lies on its side
 
+MOST_DEFLECTION: Final = 0.5
+"""Largest deflection of a tyre at its rated load, over its section height."""
+
+_INCH_M: Final = 0.0254
+
 TYRE: Final = np.dtype(
     [
         ("radius", np.float64),  # [m] unloaded, also the rolling radius
@@ -51,7 +61,57 @@ TYRE: Final = np.dtype(
 """Parameters of one tyre, a row of `Tyres.table`."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Tyre:
+    """Numbers of one tyre, as its data sheet has them.
+
+    The stiffness of the tyre is given by its relative deflection, or by pressure and age:
+
+        dW/d delta = 172 - 1.77 D + 5.6 A + 0.34 b D p   [kN/m]
+
+    with rim diameter D and width b [in], age A [years] and pressure p [bar], rolling tractor tyres
+    (J. A. Lines and K. Murphy, "The stiffness of agricultural tractor tyres", J. Terramechanics 28,
+    1991, from memory). The load grows with the deflection to the power of 1.5, so that the
+    deflection at the rated load is 1.5 times the rated load over this stiffness.
+
+    Raises:
+        ValueError: neither deflection nor pressure is given, or the tyre of this pressure is too
+            soft for its rated load.
+    """
+
+    size: str  # as printed on the tyre
+    radius_m: Positive  # of the unloaded tyre
+    width_m: Positive  # of the tyre's section
+    section_height_m: Positive
+    rated_load_n: Positive
+    damping_spm: NotNegative  # growth of the normal force per speed of approach
+    # at the rated load, over the section height; where a pressure is given, pressure and age count
+    relative_deflection: Annotated[float, Field(gt=0, lt=MOST_DEFLECTION)] | None = None
+    pressure_bar: Annotated[float, Field(gt=0, le=6)] | None = None  # of inflation
+    age_years: Annotated[float, Field(ge=0, le=30)] = 0.0  # tyres stiffen; only with a pressure
+
+    def __post_init__(self) -> None:
+        if self.pressure_bar is None:
+            if self.relative_deflection is None:
+                raise ValueError("needs relative_deflection or pressure_bar")
+            return
+        deflection = self._deflection_m(self.pressure_bar) / self.section_height_m
+        if not 0.0 < deflection < MOST_DEFLECTION:
+            raise ValueError(
+                f"got pressure_bar {self.pressure_bar:g}: the deflection at the rated load would "
+                f"be {deflection:.2f} of the section height, must be below {MOST_DEFLECTION:g}"
+            )
+        object.__setattr__(self, "relative_deflection", deflection)
+
+    def _deflection_m(self, pressure_bar: float) -> float:
+        """Return the deflection at the rated load and a pressure [m]."""
+        rim = 2.0 * (self.radius_m - self.section_height_m) / _INCH_M
+        width = self.width_m / _INCH_M
+        stiffness = 172.0 - 1.77 * rim + 5.6 * self.age_years + 0.34 * width * rim * pressure_bar
+        return 1.5 * self.rated_load_n / (1e3 * stiffness)
+
+
+@stdlib_dataclass(frozen=True, slots=True)
 class Tyres:
     """Parameters of n tyres; every array is (n,)."""
 
@@ -62,6 +122,19 @@ class Tyres:
     rated_load: FloatArray  # [N]
     damping: FloatArray  # [s/m] relative growth of the normal force per speed of approach
     radial: np.ndarray  # whether of radial plies, boolean
+
+    @classmethod
+    def of(cls, tyres: Sequence[Tyre]) -> Self:
+        """Return the parameters of these tyres, in their order."""
+        return cls(
+            radius=np.array([tyre.radius_m for tyre in tyres]),
+            width=np.array([tyre.width_m for tyre in tyres]),
+            section_height=np.array([tyre.section_height_m for tyre in tyres]),
+            relative_deflection=np.array([tyre.relative_deflection for tyre in tyres]),
+            rated_load=np.array([tyre.rated_load_n for tyre in tyres]),
+            damping=np.array([tyre.damping_spm for tyre in tyres]),
+            radial=np.array([re.search(r"\dR", tyre.size) is not None for tyre in tyres]),
+        )
 
     @property
     def stiffness(self) -> FloatArray:
@@ -94,7 +167,7 @@ class Tyres:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@stdlib_dataclass(frozen=True, slots=True)
 class WheelMotion:
     """Position and motion of n wheels, map frame; vectors are (n, 3)."""
 
@@ -104,7 +177,7 @@ class WheelMotion:
     rotation: FloatArray  # [rad/s] angular velocity of the wheel
 
 
-@dataclass(frozen=True, slots=True)
+@stdlib_dataclass(frozen=True, slots=True)
 class Contact:
     """Normal contact of n wheels with the ground."""
 

@@ -1,4 +1,4 @@
-"""Plant validation of every shipped scenario, and of `grass` with contact wheels."""
+"""Plant validation of every shipped scenario."""
 
 import tempfile
 from pathlib import Path
@@ -32,7 +32,7 @@ def validate(job: SweepJob) -> Row:
 
 def validations(rows: pd.DataFrame) -> str:
     """Return the failed checks of all plants."""
-    name = "`" + rows["scenario"] + rows["study"].map({"card": "", "contact": "-contact"}) + "`"
+    name = "`" + rows["scenario"] + "`"
     heads = ["scenario", "checks that hold", "failed checks"]
     return markdown(heads, zip(name, rows["held"], rows["failed checks"], strict=True))
 
@@ -42,7 +42,6 @@ TABLES: Final = (
         name="card",
         studies={
             "card": study("grass", report_seeds(1), (), listed("scenario", *shipped())),
-            "contact": study("grass", report_seeds(1), ("plant.wheels=contact",)),
         },
         work=validate,
         text=validations,

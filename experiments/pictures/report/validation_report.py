@@ -32,7 +32,6 @@ class ValidationReport:
     """Results of all experiments on one scenario's plant."""
 
     scenario: str
-    wheels: str
     versions: dict[str, str]
     checks: tuple[Check, ...]
 
@@ -51,7 +50,6 @@ class ValidationReport:
         keys = ("name", "figure", "unit", "expectation", "low", "high", "source", "passed", "note")
         content = {
             "scenario": self.scenario,
-            "wheels": self.wheels,
             "passed": self.passed,
             "versions": self.versions,
             "checks": [
@@ -65,12 +63,12 @@ class ValidationReport:
         passed, failed, skipped = (
             self.counts[verdict] for verdict in ("pass", "FAIL", "not applicable")
         )
-        text = f"{self.scenario}, {self.wheels} wheels: {passed} of {passed + failed} checks hold"
+        text = f"{self.scenario}: {passed} of {passed + failed} checks hold"
         return text + (f", {skipped} do not apply" if skipped else "")
 
 
 def bench(scenario: Scenario) -> Bench:
-    """Return the bench with the scenario's vehicle, wheels and ground, and ideal valves.
+    """Return the bench with the scenario's vehicle and ground, and ideal valves.
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario is invalid.
@@ -81,7 +79,6 @@ def bench(scenario: Scenario) -> Bench:
         terrain=plant.terrain,
         soil=plant.soil,
         slope_rad=scenario.terrain.slope_rad,
-        wheels=scenario.plant.wheels,
         wheel_law=plant.wheel_law,
         timestep_s=plant.timestep_s,
     )
@@ -114,7 +111,7 @@ def validation_report(
     for check in validate(bench(scenario), experiments):
         on_check(check)
         checks.append(check)
-    report = ValidationReport(name, scenario.plant.wheels, versions(), tuple(checks))
+    report = ValidationReport(name, versions(), tuple(checks))
     if folder is not None:
         _write(report, dump(scenario), folder)
     return report

@@ -123,7 +123,6 @@ def test_a_fault_that_cannot_act_is_refused_before_the_run():
         (("sensors.imu.on=false", table("gyro_bias")), "IMU"),
         (("sensors.gnss_status=false", table("gnss_warning")), "gnss_status"),
         (("plant.vehicle.load_kg=0", table("load_shift")), "the trailer is empty"),
-        (("plant.wheels='contact'", table("tyre_flat")), "plant.wheels"),
         (("controller.estimator='truth'", table("gnss_out")), "no sample"),
         ((twice,), "name"),
     ):

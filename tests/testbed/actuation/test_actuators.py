@@ -149,9 +149,9 @@ def test_impossible_valves_are_refused_by_their_keys():
 # --- in the plant ----------------------------------------------------------------------------
 
 
-def plant_with(actuators=None, wheels="soil"):
+def plant_with(actuators=None):
     ground = terrain.flat((60.0, 40.0))
-    return Plant(read_vehicle(), ground, SoilMap.named("hard"), wheels=wheels, actuators=actuators)
+    return Plant(read_vehicle(), ground, SoilMap.named("hard"), actuators=actuators)
 
 
 def qpos_after(plant, strides):

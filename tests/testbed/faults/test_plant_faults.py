@@ -57,7 +57,7 @@ def test_a_flat_tyre_lowers_its_side(plant, standing):
 
 
 def test_a_free_cylinder_has_no_torque(plant, standing):
-    servo = plant.model.actuator("rj2").id
+    servo = plant.model.actuator("trailer_steer").id
     effect = attached(plant, kind="trailer_steering_free")
     push = attached(plant, kind="gust", body="trailer", force_n=1500.0, direction_deg=90.0)
 

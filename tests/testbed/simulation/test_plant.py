@@ -34,12 +34,11 @@ STEEP = terrain.flat((60.0, 40.0)).tilted(SIDE_SLOPE, math.radians(90.0))
 
 
 @pytest.mark.parametrize(("slope_deg", "uphill_deg"), [(0, 0), (15, 90), (10, 45), (12, 180)])
-@pytest.mark.parametrize("wheels", ["soil", "contact"])
 @both_vehicles
-def test_wheels_carry_the_weight_at_rest(vehicle, slope_deg, uphill_deg, wheels):
+def test_wheels_carry_the_weight_at_rest(vehicle, slope_deg, uphill_deg):
     slope = math.radians(slope_deg)
     ground = terrain.flat((20.0, 20.0)).tilted(slope, math.radians(uphill_deg))
-    plant = plant_on(ground, vehicle=vehicle, wheels=wheels)
+    plant = plant_on(ground, vehicle=vehicle)
     loads = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
     assert loads.sum() == pytest.approx(weight(plant) * math.cos(slope), rel=0.005)
     assert (loads > 0.0).all()
@@ -93,10 +92,9 @@ def test_rough_ground_keeps_loads_positive_at_every_time_step(vehicle, iso_class
 # --- limits
 
 
-@pytest.mark.parametrize("wheels", ["soil", "contact"])
 @both_vehicles
-def test_tipped_past_its_balance_it_ends_on_its_side_and_stays_there(vehicle, wheels):
-    plant = plant_on(vehicle=vehicle, wheels=wheels)
+def test_tipped_past_its_balance_it_ends_on_its_side_and_stays_there(vehicle):
+    plant = plant_on(vehicle=vehicle)
     plant.reset(0.0, 0.0, 0.0, 0.0)
     half = 0.5 * math.radians(55.0)
     plant.data.qpos[2] += 1.1 * vehicle.rear_wheel.radius_m
@@ -124,7 +122,6 @@ def test_tipped_past_its_balance_it_ends_on_its_side_and_stays_there(vehicle, wh
         lambda: plant_on(timestep_s=0.0),
         lambda: plant_on(timestep_s=0.1),
         lambda: plant_on(timestep_s=math.nan),
-        lambda: plant_on(wheels="tracks"),
         lambda: plant_on().reset(math.nan, 0.0, 0.0, 0.0),
         lambda: plant_on().reset(500.0, 0.0, 0.0, 0.0),
     ],
@@ -189,10 +186,9 @@ def test_knuckles_follow_ackermann(vehicle):
             assert plant.data.joint(name).qpos[0] == pytest.approx(expected, abs=math.radians(0.1))
 
 
-@pytest.mark.parametrize("wheels", ["soil", "contact"])
-def test_restored_snapshot_goes_on_as_before(wheels):
+def test_restored_snapshot_goes_on_as_before():
     ground = terrain.rough("E", np.random.default_rng(1), (30.0, 20.0))
-    plant = plant_on(ground, SoilMap(300.0), wheels=wheels)
+    plant = plant_on(ground, SoilMap(300.0))
     plant.reset(-5.0, 0.0, 0.2, 1.0)
     command = Command(0.3, -0.1, 0.8)
     plant.advance(command, 500)

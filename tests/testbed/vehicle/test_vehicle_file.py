@@ -118,8 +118,7 @@ def test_servos_are_as_strong_as_the_vehicle_is_heavy(name):
         trailer=dataclasses.replace(trailer, mass_kg=1.2 * trailer.mass_kg),
     )
     before, after = (
-        build_spec(each, flat((4.0, 4.0)), "soil", SoilLaw(), 0.002).compile()
-        for each in (vehicle, heavy)
+        build_spec(each, flat((4.0, 4.0)), SoilLaw(), 0.002).compile() for each in (vehicle, heavy)
     )
     np.testing.assert_allclose(after.actuator_forcerange, 1.2 * before.actuator_forcerange)
     for model in (before, after):

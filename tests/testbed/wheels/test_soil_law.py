@@ -197,7 +197,6 @@ def test_an_impossible_law_is_refused_in_one_line():
         "plant.wheel_law.traction=nan",
         "plant.wheel_law.relaxation_lat_m=0.0001",
         "plant.wheel_law.damping_roll_s=0.5",
-        "plant.wheels='rail'",
         "plant.wheel_law.tyre='solid'",
         "plant.wheel_law.relaxation=0.3",
     ):

@@ -30,7 +30,7 @@ def test_a_validation_writes_page_json_and_figures(quick, tmp_path, capsys):
     assert main([COMMAND, "grass", "--out", str(tmp_path / "new")]) == 0
     content = json.loads((tmp_path / "new" / "validation.json").read_text())
     assert list(content) == ["scenario", "wheels", "passed", "versions", "checks"]
-    assert (content["scenario"], content["wheels"], content["passed"]) == ("grass", "soil", True)
+    assert (content["scenario"], content["passed"]) == ("grass", True)
     for check in content["checks"]:
         assert set(check) == {*KEYS, "source", "note"}
     text = capsys.readouterr().out
@@ -53,21 +53,21 @@ def test_a_failing_check_is_exit_code_1_and_stands_in_the_page(monkeypatch, tmp_
 
 def test_a_check_that_does_not_apply_neither_passes_nor_fails_and_nan_fails():
     skipped = Check("slip", None, "", "", -math.inf, math.inf, "", "no slip")
-    report = ValidationReport("x", "contact", {}, (skipped, between("y", 1, 0, 2, "", "s")))
+    report = ValidationReport("x", {}, (skipped, between("y", 1, 0, 2, "", "s")))
     assert report.passed
     content = json.loads(report.to_json())["checks"][0]
     assert (content["passed"], content["figure"], content["low"]) == (None, None, None)
     assert format_check(skipped) == "n/a   slip: no slip"
-    report = ValidationReport("x", "soil", {}, (between("y", math.nan, 0, 2, "m", "s"),))
+    report = ValidationReport("x", {}, (between("y", math.nan, 0, 2, "m", "s"),))
     assert not report.passed
     content = json.loads(report.to_json())["checks"][0]
     assert [content[key] for key in KEYS] == ["y", None, "m", "at most 2", 0, 2, False]
 
 
-def test_wheels_and_overrides_reach_the_bench():
-    name, scenario = load("wet-slope", ['plant.wheels="contact"', "soil.cone_index_kpa=450"])
+def test_overrides_reach_the_bench():
+    name, scenario = load("wet-slope", ["soil.cone_index_kpa=450"])
     bench = validation_report.bench(scenario)
-    assert (bench.wheels, bench.cone_index) == ("contact", 450.0)
+    assert bench.cone_index == 450.0
     assert validation_report.validation_report(name, scenario, experiments=()).checks == ()
 
 
@@ -75,7 +75,7 @@ def test_wheels_and_overrides_reach_the_bench():
     ("arguments", "message"),
     [
         (("gras",), "scenario 'gras': no such scenario"),
-        (("grass", "--set", "plant.wheels=tracks"), "plant.wheels"),
+        (("grass", "--set", "plant.timestep_s=1.0"), "plant.timestep_s"),
         (("grass", "--set", "soil.softnes=3"), "unknown key"),
         (("grass", "--out", "old"), "exists already"),
     ],
