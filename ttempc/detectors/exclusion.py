@@ -1,7 +1,7 @@
 """Exclusion of sensors by the alarms of detectors."""
 
 from ..layout import AlarmColumn
-from ..sensors import SensorIndex
+from ..sensors import IMU_OF_BODY, SensorIndex
 from .board import WARN, Record, has_alarm
 from .history import kernel
 from .position import excludes_gnss
@@ -14,7 +14,8 @@ def exclude_sensors(board: Record, position: Record, last: Record, now: float) -
 
     - wheels: the encoder, where it is what is wrong;
     - hitch: its sensor and both IMUs, of which a gyro may be what lies;
-    - position: both receivers, while the vehicle rolls.
+    - gyros: the IMU of that body;
+    - position, steps, second limits of drift and velocity: both receivers, while the vehicle rolls.
 
     The filter gets no sample of an excluded sensor from the next tick on; detectors still see them.
 
@@ -30,6 +31,9 @@ def exclude_sensors(board: Record, position: Record, last: Record, now: float) -
         board.excluded[SensorIndex.HITCH] = 1.0
         board.excluded[SensorIndex.IMU_TRACTOR] = 1.0
         board.excluded[SensorIndex.IMU_TRAILER] = 1.0
+    for body in range(2):
+        if has_alarm(board, DetectorIndex.GYRO_TRACTOR + body):
+            board.excluded[IMU_OF_BODY[body]] = 1.0
     if excludes_gnss(position, last, board, now):
         board.excluded[SensorIndex.GNSS_TRACTOR] = 1.0
         board.excluded[SensorIndex.GNSS_TRAILER] = 1.0

@@ -246,5 +246,6 @@ def excludes_gnss(memory: Record, last: Record, board: Record, now: float) -> bo
     spin, dead reckoning is worse than GNSS.
     """
     trusts_wheels = now - memory.spun_s > _SPUN_S
-    lies = has_alarm(board, DetectorIndex.POSITION) or has_alarm(board, DetectorIndex.VELOCITY_SURE)
+    lies = has_alarm(board, DetectorIndex.POSITION) or has_alarm(board, DetectorIndex.DRIFT_SURE)
+    lies |= has_alarm(board, DetectorIndex.VELOCITY_SURE) or has_alarm(board, DetectorIndex.STEPS)
     return lies and trusts_wheels and abs(last.speed) > _MOVING_MPS

@@ -155,6 +155,12 @@ def observe_velocity(memory: Record, board: Record, data: TickData, position_sd:
 
 
 @kernel
+def confirms(memory: Record) -> bool:
+    """Return whether positions and velocities of a receiver were compared at the last tick."""
+    return memory.receivers[0].used + memory.receivers[1].used > 0.0
+
+
+@kernel
 def _integrate(track: Record, rows: FloatArray, sensor: int) -> None:
     """Add the velocities of a tick to their integral, by trapezia, and learn their noise."""
     for row in range(len(rows)):
