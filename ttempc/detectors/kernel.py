@@ -9,7 +9,7 @@ from ..jit import record
 from ..layout import ESTIMATE
 from ..sensors import SensorIndex
 from ..types import FloatArray
-from .board import BOARD, Record, TickData, latch_alarms, new_board
+from .board import BOARD, Record, TickData, has_alarm, latch_alarms, new_board
 from .clock import CLOCK, observe_clock
 from .drift import DRIFT, new_drift, observe_drift
 from .exclusion import exclude_sensors
@@ -129,7 +129,8 @@ def observe_detectors(
 
     hold_motion(board)
     latch_alarms(board)
-    exclude_sensors(board, s.position, s.last, now)
+    confirmed = confirms(s.velocity) and not has_alarm(board, DetectorIndex.VELOCITY)
+    exclude_sensors(board, s.position, s.last, confirmed, now)
 
 
 @kernel
@@ -174,7 +175,8 @@ def _observe_estimate(s: Record, data: TickData) -> None:
     if board.enabled[DetectorIndex.DRIFT]:
         observe_drift(s.drift, board, data, confirms(s.velocity))
         if board.enabled[DetectorIndex.STEPS]:
-            observe_steps(s.steps, s.drift, board, data, s.last.roughness, data.span_s)
+            position_sd = s.speeds.position_sd
+            observe_steps(s.steps, s.drift, board, data, s.last.roughness, position_sd)
     if board.enabled[DetectorIndex.AT_REST]:
         check_standstill(s.standstill, board, data, s.speeds.position_sd)
     remember_estimate(s.last, data)

@@ -29,6 +29,7 @@ _MEAN_OF: Final = 3  # offsets in a mean
 _EVERY: Final = 5.0  # positions from one counted difference to the next
 _USUAL: Final = 0.05  # share of a new difference in the usual one
 _NOISE_M: Final = 0.045  # of a difference on even ground
+_USUAL_SD_M: Final = 0.03  # of the white noise of a position for which this holds
 _ROUGH_M: Final = 0.010  # that a roughness of 1 adds
 _MEMORY_S: Final = 180.0  # in which the sum of steps fades; assumed
 _FOUND_M: Final = 0.22  # sum of steps that is a fault
@@ -36,7 +37,12 @@ _FOUND_M: Final = 0.22  # sum of steps that is a fault
 
 @kernel
 def observe_steps(
-    memory: Record, drift: Record, board: Record, data: TickData, roughness: float, span_s: float
+    memory: Record,
+    drift: Record,
+    board: Record,
+    data: TickData,
+    roughness: float,
+    position_sd: float,
 ) -> None:
     """Add up the steps by which both receivers leave dead reckoning within a second.
 
@@ -54,12 +60,12 @@ def observe_steps(
         board: record `BOARD`.
         data: of the tick.
         roughness: mean of the learnt factor of roughness.
-        span_s: since the tick before [s].
+        position_sd: of the white noise of the positions [m].
     """
     index = DetectorIndex.STEPS
-    if has_alarm(board, index) or not span_s > 0.0:
+    if has_alarm(board, index) or not data.span_s > 0.0:
         return
-    fading = math.exp(-min(span_s, _MEMORY_S) / _MEMORY_S)
+    fading = math.exp(-min(data.span_s, _MEMORY_S) / _MEMORY_S)
     memory.sum[0] *= fading
     memory.sum[1] *= fading
     tractor = drift.receivers[0]
@@ -68,7 +74,9 @@ def observe_steps(
     if settled and tractor.last[0] == trailer.last[0] and tractor.last[0] > data.now - 0.5:
         x = 0.5 * (tractor.offset[0] + trailer.offset[0])
         y = 0.5 * (tractor.offset[1] + trailer.offset[1])
-        _take_offset(memory, x, y, _NOISE_M + _ROUGH_M * math.sqrt(max(roughness, 0.0)))
+        white = max(1.0, min(position_sd, 1.0) / _USUAL_SD_M)
+        noise_m = white * _NOISE_M + _ROUGH_M * math.sqrt(max(roughness, 0.0))
+        _take_offset(memory, x, y, noise_m)
     else:
         memory.filled = 0.0
     length = math.hypot(memory.sum[0], memory.sum[1])

@@ -220,6 +220,27 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         reaction=Reaction.SLOW,
         words=_AGAINST_GROUND,
     ),
+    DetectorIndex.PROTECTION: BuiltIn(
+        name="protection level",
+        limit=1.2,  # [m]
+        reaction=Reaction.SLOW,
+        words="position known to {:.1f} m without a sensor",
+    ),
+    DetectorIndex.VELOCITY: BuiltIn(
+        name="velocity",
+        limit=20.0,  # of a likelihood ratio: one false alarm in ten hours
+        reaction=Reaction.SLOW,
+        words=_AGAINST_VELOCITY,
+    ),
+    DetectorIndex.VELOCITY_SURE: BuiltIn(
+        name="velocity, second limit",
+        limit=28.0,  # one false alarm in some hundred hours
+        reaction=Reaction.STOP_ON_PATH,
+        words=_AGAINST_VELOCITY,
+        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
+    ),
+    DetectorIndex.RECEIVER_TRACTOR: _receiver("tractor"),
+    DetectorIndex.RECEIVER_TRAILER: _receiver("trailer"),
     DetectorIndex.DRIFT_SURE: BuiltIn(
         name="drift, second limit",
         limit=1.5,
@@ -254,26 +275,5 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         reaction=Reaction.SLOW,
         words="{:.1f} sensors at a time contradict the estimate: their noise has grown",
     ),
-    DetectorIndex.PROTECTION: BuiltIn(
-        name="protection level",
-        limit=1.2,  # [m]
-        reaction=Reaction.SLOW,
-        words="position known to {:.1f} m without a sensor",
-    ),
-    DetectorIndex.VELOCITY: BuiltIn(
-        name="velocity",
-        limit=20.0,  # of a likelihood ratio: one false alarm in ten hours
-        reaction=Reaction.SLOW,
-        words=_AGAINST_VELOCITY,
-    ),
-    DetectorIndex.VELOCITY_SURE: BuiltIn(
-        name="velocity, second limit",
-        limit=28.0,  # one false alarm in some hundred hours
-        reaction=Reaction.STOP_ON_PATH,
-        words=_AGAINST_VELOCITY,
-        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
-    ),
-    DetectorIndex.RECEIVER_TRACTOR: _receiver("tractor"),
-    DetectorIndex.RECEIVER_TRAILER: _receiver("trailer"),
 }
 """Built-in detectors by index."""

@@ -41,9 +41,8 @@ class Circle:
             left = np.array([-np.cos(angle), -np.sin(angle)])  # of the heading angle + 90 deg
             slipped = slipped + PERIOD_S * speed * slope * left[0] * left
             drifted = np.array([0.0, drift_mps * max(0.0, time_s - from_s)])
-            alarms = observed(
-                self.monitors, self._seen(time_s, angle, speed, slipped, drifted, slope)
-            )
+            moved = slipped, drifted
+            alarms = observed(self.monitors, self._seen(time_s, angle, speed, moved, slope))
             for alarm in alarms:
                 begins.setdefault(alarm.detector, time_s)
             angle += PERIOD_S * speed / RADIUS_M
