@@ -29,8 +29,8 @@ DRIFT: Final = np.dtype(
 )
 """Memory of the detector."""
 
-# Limits of the scaled ratio in each bin of windows, by hand: about one false alarm in two hours by a
-# Gumbel fit to the largest values of 58 drives without a fault, tuning seeds 1 to 3
+# Limits of the scaled ratio in each bin of windows, by hand: about one false alarm in two hours by
+# a Gumbel fit to the largest values of 58 drives without a fault, tuning seeds 1 to 3
 _LIMITS_WITH_SLOPE: Final = (24.0, 19.0, 15.0, 15.0, 15.0)
 _LIMITS_WITHOUT_SLOPE: Final = (20.0, 24.0, 24.0, 23.0, 20.0)
 _CONFIRMED: Final = 1.5  # times the limits where velocities of GNSS confirm the positions; assumed

@@ -173,10 +173,12 @@ def _observe_estimate(s: Record, data: TickData) -> None:
     if board.enabled[DetectorIndex.PROTECTION]:
         observe_protection(s.position, s.last, board, data)
     if board.enabled[DetectorIndex.DRIFT]:
-        observe_drift(s.drift, board, data, confirms(s.velocity))
+        confirmed = confirms(s.velocity)
+        observe_drift(s.drift, board, data, confirmed)
         if board.enabled[DetectorIndex.STEPS]:
             position_sd = s.speeds.position_sd
-            observe_steps(s.steps, s.drift, board, data, s.last.roughness, position_sd)
+            roughness = s.last.roughness
+            observe_steps(s.steps, s.drift, board, data, roughness, position_sd, confirmed)
     if board.enabled[DetectorIndex.AT_REST]:
         check_standstill(s.standstill, board, data, s.speeds.position_sd)
     remember_estimate(s.last, data)

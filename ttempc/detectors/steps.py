@@ -32,7 +32,8 @@ _NOISE_M: Final = 0.045  # of a difference on even ground
 _USUAL_SD_M: Final = 0.03  # of the white noise of a position for which this holds
 _ROUGH_M: Final = 0.010  # that a roughness of 1 adds
 _MEMORY_S: Final = 180.0  # in which the sum of steps fades; assumed
-_FOUND_M: Final = 0.22  # sum of steps that is a fault
+_FOUND_M: Final = 0.26  # sum of steps that is a fault; by hand
+_CONFIRMED: Final = 1.5  # times that where velocities of GNSS confirm the positions; assumed
 
 
 @kernel
@@ -43,6 +44,7 @@ def observe_steps(
     data: TickData,
     roughness: float,
     position_sd: float,
+    confirmed: bool,
 ) -> None:
     """Add up the steps by which both receivers leave dead reckoning within a second.
 
@@ -51,7 +53,7 @@ def observe_steps(
 
         S <- exp(-T / 180 s) S + s max(0, 1 - n^2 / |s|^2).
 
-    The statistic is |S| over 0.22 m: stairs in one direction add up, bumps go back. The alarm
+    The statistic is |S| over 0.26 m: stairs in one direction add up, bumps go back. The alarm
     stands until `resume`, since a step that lasts is no less wrong than a new one.
 
     Args:
@@ -61,6 +63,7 @@ def observe_steps(
         data: of the tick.
         roughness: mean of the learnt factor of roughness.
         position_sd: of the white noise of the positions [m].
+        confirmed: whether measured velocities of GNSS confirm the positions; the bound is larger.
     """
     index = DetectorIndex.STEPS
     if has_alarm(board, index) or not data.span_s > 0.0:
@@ -80,7 +83,8 @@ def observe_steps(
     else:
         memory.filled = 0.0
     length = math.hypot(memory.sum[0], memory.sum[1])
-    board.statistic[index] = length / _FOUND_M
+    bound_m = _CONFIRMED * _FOUND_M if confirmed else _FOUND_M
+    board.statistic[index] = length / bound_m
     board.residual[index] = length
     board.proposed[index, AlarmColumn.FIRST] = length
 
