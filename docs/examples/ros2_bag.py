@@ -248,6 +248,13 @@ def samples(table, radius_m, receiver):
                 taken.setdefault(taken_s, {})["rear_wheel"] = (math.nan, value[0] / radius_m)
             elif sensor.startswith("imu"):
                 yield f"/{body}/imu", time_s, imu(taken_s, frame, *value)
+            elif sensor.startswith("velocity"):
+                moves = vector(*value[:2])
+                head = header(taken_s)
+                moves = make("geometry_msgs/Vector3Stamped", header=head, vector=moves)
+                yield f"/{body}/velocity", time_s, moves
+            elif sensor.startswith("receiver"):
+                continue  # there is no standard message of a receiver's warnings
             else:
                 point = vector(*value[:2], kind="Point")
                 head = header(taken_s)

@@ -510,8 +510,9 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
 class DerivedVelocities:
     """Velocities that a receiver derives from its positions, as a `Change` after all others.
 
-    A velocity is the mean of four seconds of the positions as they are delivered: it is smooth, 0
-    where the position is held, and says nothing about the position that the position does not say.
+    A velocity is the mean of four seconds of the positions as they are delivered, at first the true
+    one of a receiver that has run before. It is smooth, 0 where the position is held, and says
+    nothing that the position does not say.
     """
 
     def __init__(self) -> None:
@@ -527,24 +528,24 @@ class DerivedVelocities:
                 known.append((float(time_s), float(x), float(y)))
                 while known[-1][0] - known[0][0] > _DERIVED_S:
                     known.pop(0)
-            elif sensor.kind is SensorKind.VELOCITY:
+            is_full = len(known) > 1 and known[-1][0] - known[0][0] > 0.9 * _DERIVED_S
+            if sensor.kind is SensorKind.VELOCITY and is_full:
                 row[SampleColumn.FIRST : SampleColumn.THIRD] = self._slope(known)
         return samples
 
     @staticmethod
     def _slope(known: list[tuple[float, float, float]]) -> tuple[float, float]:
-        """Return the velocity from the first to the last position, 0 without two of them."""
-        if len(known) < 2 or known[-1][0] == known[0][0]:
-            return 0.0, 0.0
+        """Return the velocity from the first to the last position."""
         span_s = known[-1][0] - known[0][0]
         return (known[-1][1] - known[0][1]) / span_s, (known[-1][2] - known[0][2]) / span_s
 
 
 def _velocity_error(specification: SensorSpecification, seed: int, sensor: Sensor) -> ErrorSource:
-    """Return the errors of the velocity of a receiver."""
+    """Return the errors of the velocity of a receiver; derived ones have those of positions."""
+    measured = float(specification.gnss_velocity != "positions")
     return Wandering(
-        np.full(2, specification.gnss_velocity_sd_mps),
-        np.full(2, specification.gnss_velocity_wander_mps),
+        np.full(2, measured * specification.gnss_velocity_sd_mps),
+        np.full(2, measured * specification.gnss_velocity_wander_mps),
         specification.gnss_velocity_wander_s,
         specification.period_s(sensor),
         generator(seed, f"sensor/{sensor}"),

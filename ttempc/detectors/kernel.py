@@ -1,5 +1,6 @@
 """A tick of all built-in detectors, one compiled call; what they remember, one flat record."""
 
+import math
 from typing import Final
 
 import numpy as np
@@ -8,12 +9,15 @@ from ..jit import record
 from ..layout import ESTIMATE
 from ..sensors import SensorIndex
 from ..types import FloatArray
-from .board import BOARD, Record, TickData, latch_alarms, new_board
+from .board import BOARD, Record, TickData, has_alarm, latch_alarms, new_board
+from .clock import CLOCK, observe_clock
 from .drift import DRIFT, new_drift, observe_drift
 from .exclusion import exclude_sensors
+from .gyro import GYRO, observe_gyro
 from .history import kernel
 from .hitch import HITCH, observe_hitch
 from .innovations import INNOVATIONS, observe_innovations
+from .many import MANY, observe_many
 from .motion import SPEED_SUMS, hold_motion, observe_motion, observe_wheels
 from .position import (
     LAST_ESTIMATE,
@@ -28,11 +32,12 @@ from .position import (
 from .readings import READINGS, new_readings, observe_readings
 from .receiver import RECEIVER, observe_receiver
 from .speeds import SPEEDS, measure_speeds, new_speeds
-from .standstill import STANDSTILL, new_standstill
+from .standstill import STANDSTILL, check_standstill, new_standstill
 from .steering import observe_standstill, observe_steering
+from .steps import STEPS, observe_steps
 from .table import DetectorIndex
 from .valve import VALVE, compare_valve, new_valve
-from .velocity import VELOCITY, new_velocity, observe_velocity
+from .velocity import VELOCITY, confirms, new_velocity, observe_velocity
 
 # The first detectors are those of the readings of a sensor each.
 _SENSORS_WITH_READINGS: Final = int(DetectorIndex.STEERING_FRONT)
@@ -50,6 +55,10 @@ DETECTORS: Final = np.dtype(
         ("drift", DRIFT),
         ("standstill", STANDSTILL),
         ("velocity", VELOCITY),
+        ("steps", STEPS),
+        ("gyros", GYRO, 2),  # of tractor and trailer
+        ("clocks", CLOCK, _SENSORS_WITH_READINGS),  # of each sensor by `SensorIndex`
+        ("many", MANY),
         ("receivers", RECEIVER, 2),  # of tractor and trailer
         ("valves", VALVE, 2),  # of front steering and trailer steering
         ("innovations", INNOVATIONS, 4),  # GNSS of tractor and trailer, hitch, encoder
@@ -73,6 +82,7 @@ def new_detectors(velocity_wander_mps: float) -> FloatArray:
     detectors["drift"] = new_drift().view(DRIFT)[0]
     detectors["standstill"] = new_standstill().view(STANDSTILL)[0]
     detectors["velocity"] = new_velocity(velocity_wander_mps).view(VELOCITY)[0]
+    detectors["clocks"]["time_s"] = math.nan
     detectors["valves"] = new_valve().view(VALVE)[0]
     return flat
 
@@ -119,7 +129,8 @@ def observe_detectors(
 
     hold_motion(board)
     latch_alarms(board)
-    exclude_sensors(board, s.position, s.last, now)
+    confirmed = confirms(s.velocity) and not has_alarm(board, DetectorIndex.VELOCITY)
+    exclude_sensors(board, s.position, s.last, confirmed, now)
 
 
 @kernel
@@ -129,6 +140,12 @@ def _observe_receivers(s: Record, data: TickData) -> None:
     for body in range(2):
         if board.enabled[DetectorIndex.RECEIVER_TRACTOR + body]:
             observe_receiver(s.receivers[body], board, data, body)
+        if board.enabled[DetectorIndex.GYRO_TRACTOR + body]:
+            observe_gyro(s.gyros[body], board, data, body)
+    board.statistic[DetectorIndex.CLOCK] = 0.0
+    for sensor in range(_SENSORS_WITH_READINGS):
+        if board.enabled[DetectorIndex.CLOCK]:
+            observe_clock(s.clocks[sensor], board, data, sensor)
     if board.enabled[DetectorIndex.VELOCITY]:
         observe_velocity(s.velocity, board, data, s.speeds.position_sd)
 
@@ -156,8 +173,14 @@ def _observe_estimate(s: Record, data: TickData) -> None:
     if board.enabled[DetectorIndex.PROTECTION]:
         observe_protection(s.position, s.last, board, data)
     if board.enabled[DetectorIndex.DRIFT]:
-        roughness = s.last.roughness
-        observe_drift(s.drift, s.standstill, board, data, roughness, s.speeds.position_sd)
+        confirmed = confirms(s.velocity)
+        observe_drift(s.drift, board, data, confirmed)
+        if board.enabled[DetectorIndex.STEPS]:
+            position_sd = s.speeds.position_sd
+            roughness = s.last.roughness
+            observe_steps(s.steps, s.drift, board, data, roughness, position_sd, confirmed)
+    if board.enabled[DetectorIndex.AT_REST]:
+        check_standstill(s.standstill, board, data, s.speeds.position_sd)
     remember_estimate(s.last, data)
 
 
@@ -184,6 +207,8 @@ def _observe_innovations(s: Record, data: TickData) -> None:
     _of_sensor(s, data, DetectorIndex.INNOVATIONS_GNSS_TRAILER, SensorIndex.GNSS_TRAILER)
     _of_sensor(s, data, DetectorIndex.INNOVATIONS_HITCH, SensorIndex.HITCH)
     _of_sensor(s, data, DetectorIndex.INNOVATIONS_ENCODER, SensorIndex.ENCODER)
+    if s.board.enabled[DetectorIndex.MANY]:
+        observe_many(s.many, s.board, data)
 
 
 @kernel

@@ -14,9 +14,12 @@ from ..suggestion import did_you_mean
 from ..types import Command, Estimate, FloatArray, Sensor
 from ..vehicle import Vehicle
 from .board import ENDS, NO_ALARM
-from .drift import apparent_drift
+from .drift import DRIFT, new_drift
+from .gyro import GYRO
 from .interface import Alarm, Detector, Observation, Reaction
 from .kernel import DETECTORS, new_detectors, observe_detectors
+from .standstill import STANDSTILL, new_standstill
+from .steps import STEPS
 from .table import BUILT_IN, COUNT, DetectorIndex
 from .velocity import VELOCITY, new_velocity
 
@@ -45,7 +48,7 @@ def chosen(detect: Detect) -> Chosen:
 
     Examples:
         >>> len(chosen(["-drift"]).built_in), len(chosen(["drift"]).built_in)
-        (23, 1)
+        (30, 1)
     """
     if isinstance(detect, bool):
         return Chosen(frozenset(DetectorIndex) if detect else frozenset(), ())
@@ -156,9 +159,6 @@ class Monitors:
     def _take_vehicle(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self._parameters = vehicle_parameters(vehicle)
-        # A tool in the soil has a side slip of its own.
-        limit = math.inf if vehicle.tool_behind else BUILT_IN[DetectorIndex.DRIFT].limit
-        self._board["limit"][DetectorIndex.DRIFT] = limit
 
     def _observe_own(self, observation: Observation) -> None:
         for index, detector in enumerate(self._own):
@@ -184,21 +184,19 @@ class Monitors:
         built_in = self._board["alarms"][: self._count]
         return np.concatenate([built_in, self._own_alarms]) if self._own else built_in
 
-    def resume(self, map_disturbance: FloatArray) -> None:
-        """Take an estimate with these `MapDisturbance` (4,) for true and every sensor for sound."""
+    def resume(self) -> None:
+        """Take the present estimate for true and every sensor for sound."""
         s = self.record.view(DETECTORS)[0]
         last = s["last"]
         for name in ("time_s", "x", "y", "yaw", "speed", "sd_m"):
             last[name] = math.nan
         s["hitch"]["innovations"] = 0.0
         s["position"]["offset"] = 0.0
-        drift = s["drift"]
-        drift["accepted"] = apparent_drift(map_disturbance)
-        drift["flat"] = 0.0
-        drift["changed"] = 0.0
-        drift["slip_short"] = math.nan
-        drift["slip_usual"] = math.nan
-        s["standstill"]["moved"] = 0.0
+        s["drift"] = new_drift().view(DRIFT)[0]
+        s["steps"] = np.zeros(1, STEPS)[0]
+        s["gyros"] = np.zeros(2, GYRO)
+        s["clocks"]["late_s"] = 0.0
+        s["standstill"] = new_standstill().view(STANDSTILL)[0]
         wander_mps = float(s["velocity"]["wander_mps"])
         s["velocity"] = new_velocity(wander_mps).view(VELOCITY)[0]
         alarms = s["board"]["alarms"]

@@ -239,12 +239,15 @@ def observe_protection(memory: Record, last: Record, board: Record, data: TickDa
 
 
 @kernel
-def excludes_gnss(memory: Record, last: Record, board: Record, now: float) -> bool:
+def excludes_gnss(memory: Record, last: Record, board: Record, confirmed: bool, now: float) -> bool:
     """Return whether GNSS is excluded: the position has jumped or drifts, and the vehicle rolls.
 
     It comes to rest on dead reckoning, not on the position that is wrong. Where the wheels may
-    spin, dead reckoning is worse than GNSS.
+    spin, dead reckoning is worse than GNSS. `confirmed` says that measured velocities of GNSS
+    confirm the positions: then it is the estimate that has jumped.
     """
     trusts_wheels = now - memory.spun_s > _SPUN_S
-    lies = has_alarm(board, DetectorIndex.POSITION) or has_alarm(board, DetectorIndex.VELOCITY_SURE)
+    lies = has_alarm(board, DetectorIndex.POSITION) and not confirmed
+    lies |= has_alarm(board, DetectorIndex.DRIFT_SURE)
+    lies |= has_alarm(board, DetectorIndex.VELOCITY_SURE) or has_alarm(board, DetectorIndex.STEPS)
     return lies and trusts_wheels and abs(last.speed) > _MOVING_MPS

@@ -67,7 +67,7 @@ def measure_speeds(memory: Record, standstill: Record, board: Record, data: Tick
 
     Args:
         memory: record `SPEEDS`.
-        standstill: record `STANDSTILL` of the drift check, which sees the same positions.
+        standstill: record `STANDSTILL`, which sees the same positions.
         board: record `BOARD`, with the sensors that the readings of this tick exclude.
         data: of the tick.
     """

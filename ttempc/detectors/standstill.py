@@ -1,4 +1,4 @@
-"""Standstill check of the drift detector: GNSS must not move while the vehicle stands."""
+"""Detector of positions that move while the vehicle stands, whenever it does."""
 
 import math
 from typing import Final
@@ -24,6 +24,8 @@ STANDSTILL: Final = np.dtype(
         ("sum_xt", "f8"),
         ("sum_y", "f8"),
         ("sum_yt", "f8"),
+        ("before", "f8", (2, 2)),  # latest position of each receiver [m], NaN: none yet
+        ("steps", "f8"),  # sum of the squared differences from one to the next [m^2]
         ("moved", "f8"),  # checks in succession in which GNSS moved
     ]
 )
@@ -35,6 +37,8 @@ _MOST_S: Final = 20.0  # of a check, where the noise is large; assumed
 _RESTS_MPS: Final = 0.05  # largest speed of the estimate of a vehicle at rest
 _STILL_MPS: Final = 0.012  # largest speed of GNSS at rest; assumed
 _SIGMAS: Final = 5.0  # of the white noise in that speed; assumed
+_LIVES: Final = 0.2  # least share of the usual noise in that of positions at rest; assumed
+_FOUND: Final = 2.0  # statistic of a drift that is confirmed
 _CONFIRMED: Final = 2.0  # checks in succession that confirm a drift: a vehicle may creep in one
 
 
@@ -55,6 +59,13 @@ def add_position(memory: Record, sample: FloatArray, receiver: int) -> None:
     if math.isnan(origin[0]):
         origin[0] = sample[SampleColumn.FIRST]
         origin[1] = sample[SampleColumn.SECOND]
+        memory.before[receiver, 0] = origin[0]
+        memory.before[receiver, 1] = origin[1]
+    before = memory.before[receiver]
+    memory.steps += (sample[SampleColumn.FIRST] - before[0]) ** 2
+    memory.steps += (sample[SampleColumn.SECOND] - before[1]) ** 2
+    before[0] = sample[SampleColumn.FIRST]
+    before[1] = sample[SampleColumn.SECOND]
     t = time_s - memory.since_s - _SETTLES_S
     x = sample[SampleColumn.FIRST] - origin[0]
     y = sample[SampleColumn.SECOND] - origin[1]
@@ -68,28 +79,33 @@ def add_position(memory: Record, sample: FloatArray, receiver: int) -> None:
 
 
 @kernel
-def check_standstill(memory: Record, board: Record, data: TickData, position_sd: float) -> bool:
-    """Return whether a check has just ended in which GNSS did not move.
+def check_standstill(memory: Record, board: Record, data: TickData, position_sd: float) -> None:
+    """Watch both receivers for as long as the vehicle stands, for whatever reason it does.
 
     Both receivers have one velocity w, by least squares. With n positions, sums S over them and the
     standard deviation s of their white noise,
 
         D = S_tt - S_t^2 / n,   |w| = |(S_xt - S_t S_x / n, S_yt - S_t S_y / n)| / D,
 
-    and w has the standard deviation s / sqrt(D). The check ends after 4 s if five of these are
-    below 1.2 cm/s, else after 20 s. GNSS has moved where |w| is above both. Where it has moved in
-    two checks in succession a drift is confirmed: the alarm stands until `resume`, and there is no
-    further check. A vehicle that rolls begins the check anew.
+    and w has the standard deviation s / sqrt(D). A fit ends after 4 s if five of these are below
+    1.2 cm/s, else after 20 s, and the next one begins. GNSS has moved where |w| is above both;
+    twice in succession is an alarm, until `resume`, since a vehicle may creep in the first one.
+
+    There is no verdict where the positions lack their usual noise: a receiver that holds its
+    position at rest would pass every check. To pass has no consequence.
 
     Args:
         memory: record `STANDSTILL`.
-        board: record `BOARD`; the alarm of drift gets |w| [cm/s] and whether it is confirmed.
+        board: record `BOARD`.
         data: of the tick.
         position_sd: of the white noise of the positions [m].
     """
+    index = DetectorIndex.AT_REST
     if memory.moved >= _CONFIRMED:
-        return False
+        return  # the statistic stays
     speed = data.estimate.state[State.V]
+    if not abs(speed) <= _RESTS_MPS:
+        memory.moved = 0.0
     if not abs(speed) <= _RESTS_MPS or math.isnan(memory.since_s):
         _begin(memory, data.now)
 
@@ -105,15 +121,16 @@ def check_standstill(memory: Record, board: Record, data: TickData, position_sd:
     noise_mps = _SIGMAS * position_sd / math.sqrt(spread)
     least_s = _LEAST_S if noise_mps <= _STILL_MPS else _MOST_S
     if data.now - memory.since_s - _SETTLES_S < least_s:
-        return False
+        return
 
+    # A difference of two positions has twice the variance of one, on each of two axes
     memory.since_s = math.nan
-    moved = drift_mps > max(_STILL_MPS, noise_mps)
+    lives = memory.steps / count >= 4.0 * (_LIVES * position_sd) ** 2
+    moved = lives and drift_mps > max(_STILL_MPS, noise_mps)
     memory.moved = memory.moved + 1.0 if moved else 0.0
-    confirmed = memory.moved >= _CONFIRMED
-    board.alarms[DetectorIndex.DRIFT, AlarmColumn.FIRST] = 100.0 * drift_mps
-    board.alarms[DetectorIndex.DRIFT, AlarmColumn.SECOND] = 1.0 if confirmed else 0.0
-    return not moved
+    board.statistic[index] = _FOUND if memory.moved >= _CONFIRMED else 0.0
+    board.residual[index] = drift_mps
+    board.proposed[index, AlarmColumn.FIRST] = 100.0 * drift_mps
 
 
 @kernel
@@ -128,3 +145,4 @@ def _begin(memory: Record, now: float) -> None:
     memory.sum_xt = 0.0
     memory.sum_y = 0.0
     memory.sum_yt = 0.0
+    memory.steps = 0.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from ..sensors import ReceiverFlag, Sensor
+from ..sensors import SENSORS, ReceiverFlag, Sensor
 from .interface import Alarm, Reaction
 
 
@@ -43,6 +43,13 @@ class DetectorIndex(IntEnum):
     VELOCITY_SURE = 21
     RECEIVER_TRACTOR = 22
     RECEIVER_TRAILER = 23
+    DRIFT_SURE = 24
+    AT_REST = 25
+    STEPS = 26
+    GYRO_TRACTOR = 27
+    GYRO_TRAILER = 28
+    CLOCK = 29
+    MANY = 30
 
 
 COUNT: Final = len(DetectorIndex)
@@ -78,13 +85,9 @@ def _wheels(reaction: Reaction, numbers: Sequence[float]) -> str:
     return words
 
 
-def _drift(reaction: Reaction, numbers: Sequence[float]) -> str:
-    speed_cmps, confirmed, _ = numbers
-    if confirmed:
-        return f"GNSS drifts by {speed_cmps:.1f} cm/s while the vehicle stands"
-    return f"check whether GNSS drifts, as by {speed_cmps:.0f} cm/s"
-
-
+_AGAINST_GROUND: Final = (
+    "position drifts by {:.0f} cm/s against encoder and heading, {:.1f} m so far"
+)
 _AGAINST_VELOCITY: Final = (
     "position drifts by {:.1f} cm/s against the velocity of GNSS, {:.2f} m so far"
 )
@@ -108,6 +111,21 @@ def _receiver(what: str) -> BuiltIn:
         reaction=Reaction.WARN,  # `observe_receiver` chooses
         words=words,
     )
+
+
+def _gyro(what: str, sensor: Sensor) -> BuiltIn:
+    return BuiltIn(
+        name=f"gyro of the {what}",
+        limit=1.0,  # of comparisons in succession over their bound
+        reaction=Reaction.WARN,
+        words=f"IMU of the {what} contradicts the turn of the GNSS track: not used",
+        sensors=(sensor,),
+    )
+
+
+def _clock(reaction: Reaction, numbers: Sequence[float]) -> str:
+    sensor, late_s, _ = numbers
+    return f"time of {SENSORS[int(sensor)].sensor}: stamps run late by {late_s:.2f} s"
 
 
 def _readings(what: str, sensor: Sensor) -> BuiltIn:
@@ -198,9 +216,9 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
     ),
     DetectorIndex.DRIFT: BuiltIn(
         name="drift",
-        limit=1.0,  # of the larger of two ratios to bounds
-        reaction=Reaction.STOP_ON_PATH,
-        words=_drift,
+        limit=1.0,  # of the largest of five ratios to limits
+        reaction=Reaction.SLOW,
+        words=_AGAINST_GROUND,
     ),
     DetectorIndex.PROTECTION: BuiltIn(
         name="protection level",
@@ -223,5 +241,39 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
     ),
     DetectorIndex.RECEIVER_TRACTOR: _receiver("tractor"),
     DetectorIndex.RECEIVER_TRAILER: _receiver("trailer"),
+    DetectorIndex.DRIFT_SURE: BuiltIn(
+        name="drift, second limit",
+        limit=1.5,
+        reaction=Reaction.STOP_ON_PATH,
+        words=_AGAINST_GROUND,
+        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
+    ),
+    DetectorIndex.AT_REST: BuiltIn(
+        name="position at rest",
+        limit=1.0,  # of a speed over its bound
+        reaction=Reaction.STOP_ON_PATH,
+        words="GNSS drifts by {:.1f} cm/s while the vehicle stands",
+    ),
+    DetectorIndex.STEPS: BuiltIn(
+        name="steps",
+        limit=1.0,  # of a distance over its bound
+        reaction=Reaction.STOP_ON_PATH,
+        words="both positions stepped by {:.2f} m together",
+        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
+    ),
+    DetectorIndex.GYRO_TRACTOR: _gyro("tractor", Sensor.IMU_TRACTOR),
+    DetectorIndex.GYRO_TRAILER: _gyro("trailer", Sensor.IMU_TRAILER),
+    DetectorIndex.CLOCK: BuiltIn(
+        name="clock",
+        limit=0.1,  # [s]
+        reaction=Reaction.SLOW,
+        words=_clock,
+    ),
+    DetectorIndex.MANY: BuiltIn(
+        name="noise",
+        limit=1.4,  # sensors
+        reaction=Reaction.SLOW,
+        words="{:.1f} sensors at a time contradict the estimate: their noise has grown",
+    ),
 }
 """Built-in detectors by index."""

@@ -68,7 +68,7 @@ VELOCITY: Final = np.dtype(
 WANDER_S: Final = 60.0  # its correlation time; assumed
 
 _UNSTATED_SD_MPS: Final = 0.05  # of a velocity whose receiver states none
-_LIVES: Final = 0.5  # least share of the stated deviation in the noise of a measured velocity
+_LIVES: Final = 0.6  # least share of the stated deviation in the noise of a measured velocity
 _LEAST_SD_MPS: Final = 0.003  # of the noise of a measured velocity
 _SEEN: Final = 25.0  # velocities before the first judgement; assumed
 _USUAL: Final = 400.0  # of the means of variance and misfit, in samples
@@ -152,6 +152,13 @@ def observe_velocity(memory: Record, board: Record, data: TickData, position_sd:
     memory.time_s = newest_s
     _correct(memory, position_sd)
     _judge(memory, board)
+
+
+@kernel
+def confirms(memory: Record) -> bool:
+    """Return whether positions and velocities of a receiver were compared, and agree so far."""
+    compared = memory.receivers[0].used + memory.receivers[1].used > 0.0
+    return compared and memory.rejected == 0.0
 
 
 @kernel

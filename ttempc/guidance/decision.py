@@ -4,7 +4,6 @@ import math
 from typing import Any, Final
 
 from ..detectors.interface import Reaction
-from ..detectors.table import DetectorIndex
 from ..jit import cached_njit, record
 from ..layout import ESTIMATE, TICK, AlarmColumn, BodyError
 from ..types import FloatArray, State
@@ -45,7 +44,6 @@ _TRAILER_FIRST: Final = 3.0  # times the margin in reverse, where the trailer le
 _TRAILER_DELAY: Final = 2.0  # times the delay; assumed
 _TURN: Final = math.tau
 _OF_A_BODY: Final = 3  # columns of `BodyError` of a body: the trailer's follow the tractor's
-_DRIFT_ROW: Final = float(DetectorIndex.DRIFT)  # its alarm asks for a check at rest
 _SLOW: Final = float(Reaction.SLOW)
 _STOP_ON_PATH: Final = float(Reaction.STOP_ON_PATH)
 _STOP: Final = float(Reaction.STOP)
@@ -292,8 +290,7 @@ def _strongest_reaction(g: Record, alarms: FloatArray, now: float, speed: float)
     """Return the strongest reaction that the alarms ask for, 0 (as `WARN`) without any.
 
     A stop is held, with the first alarm that asked for it, until the vehicle stands and no alarm
-    has asked for two seconds. The second one within a minute of driving is held for good. A check
-    for a drift of GNSS ends as soon as the vehicle has passed it.
+    has asked for two seconds. The second one within a minute of driving is held for good.
     """
     first = -1
     reaction = 0.0
@@ -305,8 +302,6 @@ def _strongest_reaction(g: Record, alarms: FloatArray, now: float, speed: float)
 
     if first >= 0:
         _hold_stop(g, alarms[first], first, reaction, now)
-    elif g.stop_alarm == _DRIFT_ROW:
-        g.stop_alarm = -1.0
     elif g.stop_alarm >= 0.0 and abs(speed) <= _STANDING_MPS and _may_restart(g, now):
         g.stop_alarm = -1.0
         g.restarts += 1.0
@@ -321,14 +316,12 @@ def _may_restart(g: Record, now: float) -> bool:
 
 @_kernel
 def _hold_stop(g: Record, alarm: FloatArray, row: int, reaction: float, now: float) -> None:
-    """Hold the stop of an alarm; that of a check gives way to any other."""
+    """Hold the stop of an alarm, the first one that asked for it."""
     if g.stop_alarm < 0.0:
         if now - g.alarm_s > _FORGOTTEN_S:
             g.restarts = 0.0
         g.stop_alarm = row
         g.stop_reaction = reaction
-    elif g.stop_alarm == _DRIFT_ROW:
-        g.stop_alarm = row
     if g.stop_alarm == row:
         for n in range(len(g.stop_numbers)):
             g.stop_numbers[n] = alarm[AlarmColumn.FIRST + n]

@@ -26,7 +26,6 @@ from ..detectors.monitors import Monitors
 from ..errors import GuidanceFailed, InvalidReference
 from ..layout import (
     ALARM,
-    ESTIMATE,
     AlarmColumn,
     sample_rows,
 )
@@ -209,7 +208,7 @@ class Guidance(GuidanceReport):
             GuidanceFailed: `update` was not called yet.
         """
         self._clock.require_update("resume")
-        self._monitors.resume(self.estimate_record.view(ESTIMATE)[0]["map_disturbance"])
+        self._monitors.resume()
         self._supervisor.resume()
 
     def warm_up(self) -> None:

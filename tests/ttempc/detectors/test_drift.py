@@ -1,61 +1,118 @@
-"""Drift: slips that change, and GNSS at rest."""
-
-from dataclasses import replace
+"""Drift told from the ground while driving, and positions that move while the vehicle stands."""
 
 import numpy as np
 import pytest
 
-from tests.ttempc.detectors.observed import PERIOD_S, Alone, moving
-from ttempc.detectors.interface import Reaction
-from ttempc.detectors.table import DetectorIndex
-from ttempc.types import Measurement, Sensor
-from ttempc.vehicle import Vehicle
+from tests.ttempc.detectors.observed import PERIOD_S, VEHICLE, observed
+from ttempc.detectors.interface import Observation, Reaction
+from ttempc.detectors.kernel import DETECTORS
+from ttempc.detectors.monitors import Monitors
+from ttempc.detectors.table import BUILT_IN, DetectorIndex
+from ttempc.types import Estimate, Measurement, Sensor
+
+DRIFT = [BUILT_IN[index].name for index in (DetectorIndex.DRIFT, DetectorIndex.DRIFT_SURE)]
+AT_REST = BUILT_IN[DetectorIndex.AT_REST].name
+BEHIND_M = 3.0
+RADIUS_M = 12.0
 
 
-def drive(monitor, how, east_mps, ticks=400):
-    """Return the first tick with an alarm, and the last alarm.
+class Circle:
+    """A vehicle on a circle: a slope moves it aside in proportion to its way, a drift to time."""
 
-    From 24 s on the slips are those of a slope or a drift; the vehicle stands while there is an
-    alarm. GNSS drifts by `east_mps` all the time.
-    """
-    rng, first, alarm, x = np.random.default_rng(17), None, None, 0.0
-    for k in range(ticks):
-        first = k if alarm and first is None else first
-        seen = moving(k, x, (0.0, 0.03 * (how == "side" and k >= 120), 0.0, 0.0))
-        seen.estimate.disturbance[4] = 0.2 * (how == "wheel" and k >= 120)
-        seen.estimate.state[6] = 0.0 if alarm else 1.0
-        x += PERIOD_S * seen.estimate.state[6]
-        time_s = k * PERIOD_S
-        at = rng.normal((x + east_mps * time_s, 0.0), 0.03, (2, 2)).tolist()
-        named = zip((Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER), at, strict=True)
-        samples = [Measurement(time_s, sensor, tuple(xy)) for sensor, xy in named]
-        alarm = monitor.alarm(replace(seen, samples=samples))
-    return first, alarm
+    def __init__(self, names, seed=1, imu=False, held=False):
+        self.rng = np.random.default_rng(seed)
+        self.monitors = Monitors(names)
+        self.imu = imu
+        self.held = held  # receivers hold their positions while the vehicle stands
+        self.last = {}
+
+    def drive(self, seconds, slope=0.0, drift_mps=0.0, from_s=0.0, speed_mps=1.0):
+        """Return the times at which each alarm begins [s], by name, and the alarms at the end.
+
+        The slope falls east with side slips as large as `slope`; the drift is to the north.
+        """
+        begins = {}
+        alarms = ()
+        angle = 0.0
+        slipped = np.zeros(2)
+        for k in range(round(seconds / PERIOD_S)):
+            time_s = k * PERIOD_S
+            speed = speed_mps(time_s) if callable(speed_mps) else speed_mps
+            left = np.array([-np.cos(angle), -np.sin(angle)])  # of the heading angle + 90 deg
+            slipped = slipped + PERIOD_S * speed * slope * left[0] * left
+            drifted = np.array([0.0, drift_mps * max(0.0, time_s - from_s)])
+            moved = slipped, drifted
+            alarms = observed(self.monitors, self._seen(time_s, angle, speed, moved, slope))
+            for alarm in alarms:
+                begins.setdefault(alarm.detector, time_s)
+            angle += PERIOD_S * speed / RADIUS_M
+        return begins, alarms
+
+    def _seen(self, time_s, angle, speed, moved, slope):
+        slipped, drifted = moved
+        ahead = np.array([-np.sin(angle), np.cos(angle)])
+        tractor = RADIUS_M * np.array([np.cos(angle), np.sin(angle)]) + slipped
+        trailer = tractor - BEHIND_M * ahead
+        samples = [Measurement(time_s, Sensor.ENCODER, (speed + self.rng.normal(0.0, 0.03),))]
+        for sensor, place in ((Sensor.GNSS_TRACTOR, tractor), (Sensor.GNSS_TRAILER, trailer)):
+            at = place + drifted + self.rng.normal(0.0, 0.03, 2)
+            if self.held and speed == 0.0:
+                at = self.last.get(sensor, at) + self.rng.normal(0.0, 1e-4, 2)
+            else:
+                self.last[sensor] = at
+            samples.append(Measurement(time_s, sensor, tuple(at), 1))
+        if self.imu:
+            roll = 2.0 * slope * -np.cos(angle)
+            tilt = (speed / RADIUS_M, roll, 0.0)
+            samples += [
+                Measurement(time_s, Sensor(f"imu_{b}"), tilt) for b in ("tractor", "trailer")
+            ]
+        yaw = angle + 0.5 * np.pi
+        state = np.array([*tractor, yaw, yaw, 0.0, 0.0, speed])
+        estimate = Estimate(time_s, state, 1e-4 * np.eye(7), trailer, 0.0)
+        return Observation(time_s, samples, None, estimate, VEHICLE)
 
 
-@pytest.mark.parametrize("how", ["side", "wheel"])
-@pytest.mark.parametrize(("east_mps", "drifts"), [(0.0, False), (0.02, True), (-0.05, True)])
-def test_gnss_that_moves_while_the_vehicle_stands_drifts(how, east_mps, drifts):
-    """Slips change at 24 s and ask for a check at rest; after one that was passed they are true."""
-    first, alarm = drive(Alone(DetectorIndex.DRIFT), how, east_mps)
-    assert first in range(121, 145)
-    assert bool(alarm) is drifts
+@pytest.mark.parametrize("imu", [False, True])
+def test_a_drift_slows_then_stops_the_vehicle_and_a_slope_does_not(imu):
+    begins, alarms = Circle(DRIFT, imu=imu).drive(90.0, drift_mps=0.08, from_s=40.0)
+    assert 40.0 < begins[DRIFT[0]] <= begins[DRIFT[1]] < 75.0
+    assert [alarm.reaction for alarm in alarms] == [Reaction.SLOW, Reaction.STOP_ON_PATH]
+    assert float(alarms[-1].reason.split()[3]) == pytest.approx(8.0, abs=4.0)
+    begins, _ = Circle(DRIFT, imu=imu).drive(150.0, slope=0.05)
+    assert not begins
+
+
+def test_the_two_limits_are_seen_in_this_order_and_a_faster_drift_sooner():
+    slow, _ = Circle(DRIFT).drive(120.0, drift_mps=0.05, from_s=40.0)
+    fast, _ = Circle(DRIFT).drive(120.0, drift_mps=0.20, from_s=40.0)
+    assert fast[DRIFT[0]] < slow[DRIFT[0]]
+
+
+def test_what_is_not_travelled_is_no_evidence_of_slip():
+    """The covariance of the filter stays one: symmetric, and without a negative eigenvalue."""
+    circle = Circle(DRIFT, imu=True)
+    circle.drive(60.0)
+    for receiver in circle.monitors.record.view(DETECTORS)[0]["drift"]["receivers"]:
+        covariance = receiver["covariance"]
+        np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9, atol=1e-15)
+        assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+def stops(time_s):
+    return 1.0 if time_s < 20.0 else 0.0
+
+
+@pytest.mark.parametrize(("drift_mps", "drifts"), [(0.0, False), (0.03, True), (-0.05, True)])
+def test_positions_that_move_while_the_vehicle_stands_drift(drift_mps, drifts):
+    circle = Circle([AT_REST])
+    begins, alarms = circle.drive(75.0, drift_mps=drift_mps, speed_mps=stops)
+    assert bool(begins) is drifts
     if drifts:
-        assert alarm.reaction is Reaction.STOP_ON_PATH
-        speed_cmps = float(alarm.reason.split()[3])
-        assert speed_cmps == pytest.approx(100.0 * abs(east_mps), abs=1.0)
+        assert 20.0 < begins[AT_REST] < 70.0
+        assert float(alarms[0].reason.split()[3]) == pytest.approx(100 * abs(drift_mps), abs=1.0)
 
 
-def test_slips_that_stay_are_those_of_a_slope():
-    first, _ = drive(Alone(DetectorIndex.DRIFT), "nothing", 0.0, ticks=200)
-    assert first is None
-
-
-def test_a_tool_in_the_soil_has_slips_of_its_own():
-    class Towing(Alone):
-        def observe(self, rows, now, sent, estimate, innovations, vehicle, view):
-            towing = Vehicle(tool_behind=1.0)
-            return super().observe(rows, now, sent, estimate, innovations, towing, view)
-
-    first, _ = drive(Towing(DetectorIndex.DRIFT), "side", 0.0, ticks=200)
-    assert first is None
+def test_a_receiver_that_holds_its_position_at_rest_gets_no_verdict():
+    begins, _ = Circle([AT_REST], held=True).drive(75.0, drift_mps=0.05, speed_mps=stops)
+    assert not begins

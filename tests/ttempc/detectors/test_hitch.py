@@ -23,7 +23,7 @@ def test_a_hitch_sensor_that_contradicts_is_not_used_again(how):
     assert 100 <= first <= 105
     assert alarm.reaction is Reaction.WARN
     assert alarm.unused == {Sensor.HITCH, Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER}
-    monitor.resume(np.zeros(4))
+    monitor.resume()
     assert not monitor.alarms
 
 

@@ -133,7 +133,7 @@ def test_after_resume_an_imu_is_used_whatever_else_is_excluded():
         alarms = observed(monitors, replace(seen, samples=samples))
         if k == 60:
             assert not len(monitors.usable(received))
-            monitors.resume(np.zeros(4))
+            monitors.resume()
     assert [alarm.unused for alarm in alarms] == [{Sensor.ENCODER}]
     assert len(monitors.usable(received)) == 3
 

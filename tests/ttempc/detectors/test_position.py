@@ -25,7 +25,7 @@ def test_a_jump_is_not_believed_until_an_operator_says_so(jump_m, noticed):
     assert first == (100 if noticed else None)
     assert bool(alarm) is noticed
     assert not noticed or alarm.reaction is Reaction.STOP_ON_PATH
-    monitor.resume(np.zeros(4))
+    monitor.resume()
     assert not monitor.alarm(make(1000))
 
 

@@ -95,7 +95,7 @@ def test_an_operator_ends_the_alarm():
     receivers = Receivers()
     _, alarms = receivers.first(lambda t: (0.3, 0.0), seconds=20.0)
     assert alarms
-    receivers.monitors.resume(np.zeros(4))
+    receivers.monitors.resume()
     assert not receivers.monitors.alarms
     memory = receivers.monitors.record.view(DETECTORS)[0]["velocity"]
     assert memory["wander_mps"] == 0.002

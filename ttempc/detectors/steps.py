@@ -1,0 +1,125 @@
+"""Detector of steps that both receivers make together: stairs, and a jump that is not large."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from ..layout import AlarmColumn
+from ..types import FloatArray
+from .board import Record, TickData, has_alarm
+from .history import kernel
+from .table import DetectorIndex
+
+_KEPT: Final = 8  # positions: 1.4 s at five a second
+
+STEPS: Final = np.dtype(
+    [
+        ("offsets", "f8", (_KEPT, 2)),  # of both positions from dead reckoning [m], newest last
+        ("filled", "f8"),  # number of offsets
+        ("usual", "f8", 2),  # mean difference of offsets a second apart [m]
+        ("wait", "f8"),  # positions until the next difference counts
+        ("sum", "f8", 2),  # of the steps [m]
+    ]
+)
+"""Memory of the detector."""
+
+_SETTLES_S: Final = 12.0  # while the coefficients of slips are learnt
+_MEAN_OF: Final = 3  # offsets in a mean
+_EVERY: Final = 5.0  # positions from one counted difference to the next
+_USUAL: Final = 0.05  # share of a new difference in the usual one
+_NOISE_M: Final = 0.045  # of a difference on even ground
+_USUAL_SD_M: Final = 0.03  # of the white noise of a position for which this holds
+_ROUGH_M: Final = 0.010  # that a roughness of 1 adds
+_MEMORY_S: Final = 180.0  # in which the sum of steps fades; assumed
+_FOUND_M: Final = 0.26  # sum of steps that is a fault; by hand
+_CONFIRMED: Final = 1.5  # times that where velocities of GNSS confirm the positions; assumed
+
+
+@kernel
+def observe_steps(
+    memory: Record,
+    drift: Record,
+    board: Record,
+    data: TickData,
+    roughness: float,
+    position_sd: float,
+    confirmed: bool,
+) -> None:
+    """Add up the steps by which both receivers leave dead reckoning within a second.
+
+    The difference s of the mean offset from dead reckoning in the last 0.6 s and a second before is
+    taken every second, less its usual value, that of slopes and slips. Of what exceeds the noise n,
+
+        S <- exp(-T / 180 s) S + s max(0, 1 - n^2 / |s|^2).
+
+    The statistic is |S| over 0.26 m: stairs in one direction add up, bumps go back. The alarm
+    stands until `resume`, since a step that lasts is no less wrong than a new one.
+
+    Args:
+        memory: record `STEPS`.
+        drift: record `DRIFT`, whose dead reckoning is used.
+        board: record `BOARD`.
+        data: of the tick.
+        roughness: mean of the learnt factor of roughness.
+        position_sd: of the white noise of the positions [m].
+        confirmed: whether measured velocities of GNSS confirm the positions; the bound is larger.
+    """
+    index = DetectorIndex.STEPS
+    if has_alarm(board, index) or not data.span_s > 0.0:
+        return
+    fading = math.exp(-min(data.span_s, _MEMORY_S) / _MEMORY_S)
+    memory.sum[0] *= fading
+    memory.sum[1] *= fading
+    tractor = drift.receivers[0]
+    trailer = drift.receivers[1]
+    settled = data.now >= _SETTLES_S
+    if settled and tractor.last[0] == trailer.last[0] and tractor.last[0] > data.now - 0.5:
+        x = 0.5 * (tractor.offset[0] + trailer.offset[0])
+        y = 0.5 * (tractor.offset[1] + trailer.offset[1])
+        white = max(1.0, min(position_sd, 1.0) / _USUAL_SD_M)
+        noise_m = white * _NOISE_M + _ROUGH_M * math.sqrt(max(roughness, 0.0))
+        _take_offset(memory, x, y, noise_m)
+    else:
+        memory.filled = 0.0
+    length = math.hypot(memory.sum[0], memory.sum[1])
+    bound_m = _CONFIRMED * _FOUND_M if confirmed else _FOUND_M
+    board.statistic[index] = length / bound_m
+    board.residual[index] = length
+    board.proposed[index, AlarmColumn.FIRST] = length
+
+
+@kernel
+def _take_offset(memory: Record, x: float, y: float, noise_m: float) -> None:
+    """Take in an offset, and every second a difference."""
+    offsets = memory.offsets
+    for row in range(_KEPT - 1):
+        offsets[row, 0] = offsets[row + 1, 0]
+        offsets[row, 1] = offsets[row + 1, 1]
+    offsets[_KEPT - 1, 0] = x
+    offsets[_KEPT - 1, 1] = y
+    memory.filled = min(memory.filled + 1.0, float(_KEPT))
+    memory.wait -= 1.0
+    if memory.filled < _KEPT or memory.wait > 0.0:
+        return
+    memory.wait = _EVERY
+
+    step_x = _difference(offsets, 0) - memory.usual[0]
+    step_y = _difference(offsets, 1) - memory.usual[1]
+    length = math.hypot(step_x, step_y)
+    if length > noise_m:
+        share = 1.0 - (noise_m / length) ** 2
+        memory.sum[0] += share * step_x
+        memory.sum[1] += share * step_y
+    limited = min(1.0, noise_m / max(length, 1e-9))
+    memory.usual[0] += _USUAL * limited * step_x
+    memory.usual[1] += _USUAL * limited * step_y
+
+
+@kernel
+def _difference(offsets: FloatArray, axis: int) -> float:
+    """Return the mean of the newest offsets along an axis less that of the oldest ones [m]."""
+    total = 0.0
+    for n in range(_MEAN_OF):
+        total += offsets[_KEPT - 1 - n, axis] - offsets[n, axis]
+    return total / _MEAN_OF
