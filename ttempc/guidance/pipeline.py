@@ -149,8 +149,9 @@ class Pipeline:
         if settings.learn_field is not False:
             earlier = None if settings.learn_field is True else settings.learn_field
             self.field = FieldMap(recipe.reference, recipe.period_s, lead_s(vehicle), earlier)
+        # A map has the slip of its curves, too: beside it the same slip would count twice
         self.curve_slip: CurveSlip | None = None
-        if vehicle.compliance_t or vehicle.compliance_i:
+        if self.field is None and (vehicle.compliance_t or vehicle.compliance_i):
             self.curve_slip = CurveSlip(recipe.reference, recipe.period_s, lead_s(vehicle))
         self._show_changes_to_the_law()
 

@@ -11,7 +11,7 @@ import math
 from typing import Final
 
 from ..mpc.articulated_error import PredictedPath, remaining_bounds
-from ..mpc.lmpc import CondensedHorizon, OutputBounds
+from ..mpc.lmpc import CondensedHorizon, OutputBounds, move_bounds
 from ..reference.reference import ConstantSpeed, Reference, guided
 from ..tube.reference_tube import GrowingTube, TubeDesign
 from ..types import FloatArray
@@ -82,14 +82,16 @@ def articulated_controller(
         **fields,
     )
 
+    remaining = remaining_bounds(model.feedforward, course.limits)
     horizon = CondensedHorizon(
         model.changing_a,
         model.changing_b,
         options,
         period_s,
         outputs=model.c,
-        bounds=remaining_bounds(model.feedforward, course.limits),
-        free_bounds=tube.bounds if tube else None,
+        free_bounds=tube.bounds
+        if tube
+        else move_bounds(options, period_s, len(model.a), remaining),
         soft=soft_bounds(model, options, tube),
         damped=DampedApproach(options.damping_s).outputs(model),
         weight_factors=weight_factors(course.reference, len(model.c), period_s),

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from ..mpc.articulated_error import Output, PredictedPath
-from ..mpc.lmpc import CondensedHorizon
+from ..mpc.lmpc import CondensedHorizon, move_bounds
 from ..reference.reference import Reference
 from ..tube.reference_tube import ReferenceTube, TubeDesign, report_rows
 from ..vehicle import Vehicle
@@ -39,7 +39,8 @@ def tube_controller(
     options = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
     course = ExactCourse(reference, period_s, options.horizon)
     along = ReferenceTube.along(design, reference, len(course.feedforward))
-    horizon = CondensedHorizon(along.a, along.b, options, period_s, along.c, along.bounds)
+    bounds = move_bounds(options, period_s, len(along.a), along.bounds)
+    horizon = CondensedHorizon(along.a, along.b, options, period_s, along.c, bounds)
     tube = along.tube
     rows = report_rows(tube.system.c)  # (T, 9, 7)
     gains = tube.system.gains  # (T, 3, 7)

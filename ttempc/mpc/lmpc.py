@@ -114,9 +114,8 @@ class CondensedHorizon(Immutable):
             rows of both are enough.
         outputs: C (N + 1, p, n), of the entries up to the r-th; without them, the outputs are the
             states.
-        bounds: (N, m) each, in addition to those of the tuning.
-        free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
-            the tuning and `bounds`.
+        free_bounds: on the free stages of every tick, (ticks, m Nc) each, see `move_bounds`;
+            without them those of the tuning.
         damped: what the cost weighs instead of the outputs (N + 1, p, n) while the vehicle acquires
             its line: from an error of `ACQUISITION_BEGINS_M` on until both it and the output are
             within `ACQUISITION_ENDS_M`.
@@ -134,7 +133,6 @@ class CondensedHorizon(Immutable):
         tuning: HorizonTuning,
         period_s: float,
         outputs: FloatArray | None = None,
-        bounds: StageBounds | None = None,
         free_bounds: StageBounds | None = None,
         soft: OutputBounds | None = None,
         damped: FloatArray | None = None,
@@ -149,7 +147,7 @@ class CondensedHorizon(Immutable):
 
         r = _changing_entries(a, b)
         sums = np.kron(np.tril(np.ones((tuning.moves, tuning.moves))), np.eye(b.shape[2]))
-        bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
+        bounds = free_bounds or move_bounds(tuning, period_s, len(a))
         soft = soft or OutputBounds.none(a.shape[2])
         if damped is None:
             damped = np.zeros((0, *outputs.shape[1:]))
