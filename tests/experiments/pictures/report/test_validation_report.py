@@ -29,7 +29,7 @@ def quick(monkeypatch):
 def test_a_validation_writes_page_json_and_figures(quick, tmp_path, capsys):
     assert main([COMMAND, "grass", "--out", str(tmp_path / "new")]) == 0
     content = json.loads((tmp_path / "new" / "validation.json").read_text())
-    assert list(content) == ["scenario", "wheels", "passed", "versions", "checks"]
+    assert list(content) == ["scenario", "passed", "versions", "checks"]
     assert (content["scenario"], content["passed"]) == ("grass", True)
     for check in content["checks"]:
         assert set(check) == {*KEYS, "source", "note"}
