@@ -100,3 +100,9 @@ def test_only_a_known_compliance_is_used_and_an_impossible_one_is_refused():
     for value in (-0.01, 0.2, float("nan")):
         with pytest.raises(InvalidVehicle, match="compliance_t: got"):
             Vehicle(compliance_t=value)
+
+
+def test_a_slow_reference_has_no_slip_of_curves():
+    slow = Reference(PATH, VEHICLE, ConstantSpeed(1.0))
+    slips = CurveSlip(slow, PERIOD_S)
+    assert not slips.ahead(0, 1500).any()
