@@ -12,12 +12,13 @@ from ..laws.tracking_controller import TrackingController
 from ..layout import ESTIMATE, estimate_row, innovation_rows, measurements_of
 from ..learning.curve_slip import CurveSlip
 from ..learning.field import FieldMap
+from ..learning.foresight import Foresight
 from ..learning.learner import Identifier, Learner
 from ..learning.window import RecordedTick
 from ..reference.reference import Reference, check_drivable, check_pace
 from ..types import Command, Controller, Estimate, Estimator, FloatArray, State
 from ..vehicle import Vehicle
-from .controllers import EstimatorFactory, estimator_factory, make_controller
+from .controllers import CONTROLLERS, EstimatorFactory, estimator_factory, make_controller
 from .dead_time import DeadTimeCompensation, GuidedController, compensated, lead_s, resume
 from .own_parts import HasStep, HasUpdate, as_controller, as_estimator
 from .settings import GuidanceSettings
@@ -61,6 +62,14 @@ class PipelineRecipe:
         """Whether the estimator was given as an object."""
         is_recipe = isinstance(self.estimator, str | type)
         return not is_recipe and hasattr(self.estimator, "update")
+
+    @property
+    def foresees(self) -> bool:
+        """Whether the trailer's slip is foretold; by default the controller's entry says it."""
+        if self.settings.foresee is not None:
+            return self.settings.foresee
+        entry = CONTROLLERS.get(self.controller) if isinstance(self.controller, str) else None
+        return entry is not None and entry.foresees
 
     def make_estimator(self, vehicle: Vehicle) -> Estimator:
         """Return the estimator of a name or a factory, or the object itself."""
@@ -152,12 +161,22 @@ class Pipeline:
         self.curve_slip: CurveSlip | None = None
         if vehicle.compliance_t or vehicle.compliance_i:
             self.curve_slip = CurveSlip(recipe.reference, recipe.period_s, lead_s(vehicle))
+        self.foresight: Foresight | None = None
+        if recipe.foresees:
+            self.foresight = Foresight(vehicle, recipe.period_s, lead_s(vehicle))
         self._show_changes_to_the_law()
 
     @property
-    def _expected(self) -> list[FieldMap | CurveSlip]:
-        """Sources of changes of disturbances that are known beforehand."""
+    def _of_reference(self) -> list[FieldMap | CurveSlip]:
+        """Sources of changes of disturbances that are known beforehand along the reference."""
         return [source for source in (self.field, self.curve_slip) if source is not None]
+
+    @property
+    def _expected(self) -> list[FieldMap | CurveSlip | Foresight]:
+        """All sources of changes that a plan may foresee."""
+        if self.foresight is None:
+            return [*self._of_reference]
+        return [*self._of_reference, self.foresight]
 
     def _show_changes_to_the_law(self) -> None:
         """Let a law of the library plan with the disturbances that are expected."""
@@ -165,7 +184,7 @@ class Pipeline:
         if isinstance(inner, DeadTimeCompensation):
             inner = inner.controller
         if isinstance(inner, TrackingController):
-            inner.feedback.expected = self._expected
+            inner.feedback.expect(self._expected)
 
     def warm_up(self) -> None:
         """Compile or load what the parts need; changes no later result."""
@@ -186,7 +205,9 @@ class Pipeline:
         """
         estimator = self.estimator
         if type(estimator) is ExtendedKalmanFilter:  # one that derives from it has an own `update`
-            change = sum((source.change(reference_tick) for source in self._expected), NO_CHANGE)
+            change = sum(
+                (source.change(reference_tick) for source in self._of_reference), NO_CHANGE
+            )
             return *estimator.observe(now, rows, sent, change), None
 
         command = Command(*sent.tolist()) if tick else None
@@ -210,8 +231,10 @@ class Pipeline:
         """Hand a tick to the learners of the vehicle and of the field; a fault teaches nothing."""
         if is_faulty:
             self.learner.forget()
-        for source in self._expected:
+        for source in self._of_reference:
             source.observe(reference_tick, estimate, not is_faulty)
+        if self.foresight is not None:
+            self.foresight.observe(rows, estimate, not is_faulty)
         state = estimate.view(ESTIMATE)[0]["state"]
         headings = (float(state[State.PSI_T]), float(state[State.PSI_I]))
         self.learner.record(tick, now, rows, sent, *headings)
