@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from ..errors import EstimatorFailed
 from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
 from ..laws.tracking_controller import TrackingController
-from ..layout import ESTIMATE, estimate_row, innovation_rows, measurements_of
+from ..layout import (
+    ESTIMATE,
+    EXPECTED,
+    TICK,
+    estimate_row,
+    innovation_rows,
+    measurements_of,
+)
 from ..learning.curve_slip import CurveSlip
 from ..learning.field import FieldMap
 from ..learning.foresight import Foresight
@@ -23,6 +31,9 @@ from .dead_time import DeadTimeCompensation, GuidedController, compensated, lead
 from .own_parts import HasStep, HasUpdate, as_controller, as_estimator
 from .settings import GuidanceSettings
 from .user_answer import user_part
+
+_FIRST_EXPECTED: Final = (TICK.fields or {})["expected"][1] // 8
+_EXPECTED: Final = slice(_FIRST_EXPECTED, _FIRST_EXPECTED + EXPECTED.itemsize // 8)
 
 ControllerFactory = Callable[..., HasStep]
 """Makes a controller from vehicle, reference and control period [s], options as keywords."""
@@ -238,6 +249,20 @@ class Pipeline:
         state = estimate.view(ESTIMATE)[0]["state"]
         headings = (float(state[State.PSI_T]), float(state[State.PSI_I]))
         self.learner.record(tick, now, rows, sent, *headings)
+
+    def foresight_memory(self) -> tuple[FloatArray, ...] | None:
+        """Return the memory of the foresight, None without one."""
+        return None if self.foresight is None else self.foresight.memory()
+
+    def restore_foresight(self, memory: tuple[FloatArray, ...] | None) -> None:
+        """Let the foresight go on from a memory."""
+        if self.foresight is not None and memory is not None:
+            self.foresight.restore(memory)
+
+    def report_expected(self, tick: FloatArray) -> None:
+        """Write what the foresight expected at a step into its record `TICK`."""
+        if self.foresight is not None:
+            tick[_EXPECTED] = self.foresight.expected
 
     def exchange(
         self, tick: int, sent: FloatArray

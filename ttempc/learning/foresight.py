@@ -11,13 +11,14 @@ known as wheelbase preview (Hac 1992, J. Sound Vib. 159).
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from enum import IntEnum
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from ..jit import cached_njit, local, record
-from ..layout import ESTIMATE, SampleColumn
+from ..layout import ESTIMATE, EXPECTED, SampleColumn
 from ..models.augmented_state import MAPPED, VehicleParameter, vehicle_parameters
 from ..sensors import SensorIndex
 from ..types import Disturbance, FloatArray, State
@@ -89,10 +90,14 @@ FORESIGHT: Final = np.dtype(
         ("slip_power", "f8"),
         ("forecast_power", "f8"),
         ("product", "f8"),
-        ("share", "f8"),  # of a forecast that is to be expected, see `_compare`
+        ("share", "f8"),  # of a forecast that is used, see `_compare`
+        ("expected", EXPECTED),  # of the last `ahead`
     ]
 )
 """Record of a foresight, without its path."""
+
+
+_EXPECTED: Final = slice(-EXPECTED.itemsize // 8, None)
 
 
 class TractorPath(NamedTuple):
@@ -139,17 +144,16 @@ class Foresight:
 
     def warm_up(self) -> None:
         """Compile or load what a tick needs; no later result changes."""
-        memory = self.memory()
-        self.observe(np.zeros((0, len(SampleColumn))), np.zeros(ESTIMATE.itemsize // 8), True)
-        self.ahead(0, 1)
-        self.restore(memory)
+        twin = deepcopy(self)
+        twin.observe(np.zeros((0, len(SampleColumn))), np.zeros(ESTIMATE.itemsize // 8), True)
+        twin.ahead(0, 1)
 
     def memory(self) -> tuple[FloatArray, ...]:
-        """Return copies of all that is carried from tick to tick, for `restore`."""
-        return (self._state.copy(), *(ring.copy() for ring in self._path))
+        """Return the arrays that are carried from tick to tick, for `restore`."""
+        return (self._state, *self._path)
 
     def restore(self, memory: tuple[FloatArray, ...]) -> None:
-        """Go on from a `memory`."""
+        """Go on from a copy of a `memory`."""
         state, integrals, points = memory
         self._state = state.copy()
         self._path = TractorPath(integrals.copy(), points.copy())
@@ -158,6 +162,11 @@ class Foresight:
     def confidence(self) -> float:
         """Share of a forecast that is used now, from 0 to 1."""
         return _share(self._state)
+
+    @property
+    def expected(self) -> FloatArray:
+        """Record `EXPECTED` of the last `ahead`, flat."""
+        return self._state[_EXPECTED]
 
     def observe(self, rows: FloatArray, estimate: FloatArray, usable: bool) -> None:
         """Take in the samples (n, `SAMPLE`) of a tick and its record `ESTIMATE`.
@@ -513,6 +522,8 @@ def write_ahead(
     """Write `Foresight.ahead` into `result` (count, 3)."""
     s = record(state, FORESIGHT)
     share = _share(state)
+    s.expected.slip_i = 0.0
+    s.expected.share = share
     if share == 0.0:
         return
     signals = local((_SIZE,))
@@ -525,3 +536,5 @@ def write_ahead(
         _write_signals(begin, span, path, state, signals)
         result[j, Disturbance.SLIP_I] = share * _forecast(signals, state)
         begin += span
+    if len(result):
+        s.expected.slip_i = result[0, Disturbance.SLIP_I]

@@ -222,7 +222,7 @@ def test_a_memory_brings_a_foresight_back() -> None:
     ground = bumps(1, 0.03)
     drive = Drive(ground, ground)
     drive.until(40.0)
-    memory = drive.foresight.memory()
+    memory = copy.deepcopy(drive.foresight.memory())
     twin = copy.deepcopy(drive)
     drive.until(45.0)
     after = drive.foresight.ahead(0, 8)
