@@ -148,6 +148,7 @@ class LqrFeedback(FeedbackLaw):
         self._gains = problem.gains()  # (N, 3, 19)
         self._problem = problem
         self._by_slips = a[:, :, len(State) : len(State) + MAPPED].copy()
+        self._by_slips[:, len(State) :] = 0.0  # a change ahead does not last
         self._preview = np.zeros((0, 0, _M, MAPPED))  # (N, stages, 3, 3) of what is expected
         heading = self._gains[:, 0, State.PSI_T] + self._gains[:, 0, State.PSI_I]
         slope = np.abs(heading / self._gains[:, 0, State.Y])
