@@ -280,6 +280,14 @@ SOLVER: Final = np.dtype(
 )
 """Record of the QP of a tick, see `SolverReport`; NaN where the controller solves none."""
 
+EXPECTED: Final = np.dtype(
+    [
+        ("slip_i", "f8"),  # of the trailer in this period, beside its disturbance [rad]
+        ("share", "f8"),  # of forecasts that is used
+    ]
+)
+"""Record of the foresight of a tick, see `ttempc.learning.foresight`; NaN where there is none."""
+
 TICK: Final = np.dtype(
     [
         ("control", "f8", (3, len(ControlColumn))),  # of each input
@@ -296,6 +304,7 @@ TICK: Final = np.dtype(
         ("sample", "f8"),  # of the reference to which the errors are
         ("stopping", "f8"),
         ("waits", "f8"),  # whether the reference stays at this tick
+        ("expected", EXPECTED),
     ]
 )
 """Record of a tick of control; `Diagnostics` is a view of it."""

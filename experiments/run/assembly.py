@@ -351,6 +351,7 @@ def _guidance(
         # The disturbances of the true state are those beside the given lengths: none to learn.
         learn=settings.learn and not true_state,
         learn_field=settings.learn_field,
+        foresee=settings.foresee,
         detect=settings.detect,
         compensate=settings.compensate,
     )

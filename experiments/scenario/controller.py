@@ -189,6 +189,9 @@ class ControllerSettings:
     """Whether parameters of the model are learnt while driving, see docs/method.md, Learning."""
     learn_field: bool = False
     """Whether disturbances are learnt by place, for later passes over the same line."""
+    foresee: bool | None = None
+    """Whether the trailer's side slip is foretold from what its tractor has met at a place; absent:
+    for `ttempc` and `ttempc-nominal`."""
     detect: bool | list[str] = True
     """Whether the built-in detectors of faults run; or the names of those that do, of ttempc's
     detectors/table.py, or, each after a minus sign, of those that do not. Under `serve` all run."""

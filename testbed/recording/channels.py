@@ -128,6 +128,12 @@ TUBE: Final = Channel(
         *(f"{name}_half_width" for name in _TUBE_ERRORS),
     ),
 )
+FORESIGHT: Final = Channel(
+    "/foresight",
+    "side slip of the trailer that is foretold for this period beside its disturbance, and the "
+    "share of forecasts that is used: 0 where what the tractor met does not tell",
+    ("slip_i_rad", "share"),
+)
 SOLVER: Final = Channel(
     "/mpc/info",
     "the QP of this tick: 1 where accepted, iterations, residuals, status (0: closed form, no "
@@ -182,7 +188,7 @@ ERROR: Final = Channel(
 """Channel of logs and viewers: a record computes it from `/state` and `/reference`."""
 
 CHANNELS: Final = (
-    *(STATE, REFERENCE, MEASUREMENT, ESTIMATE, CONTROL, TRACKING, TUBE),
+    *(STATE, REFERENCE, MEASUREMENT, ESTIMATE, CONTROL, TRACKING, TUBE, FORESIGHT),
     *(SOLVER, TIMING, TYRES, TOOL, CORRIDOR, LINE),
 )
 
@@ -318,6 +324,7 @@ CONTROL_COLUMNS: Final = _columns("control", CONTROL)
 """Place of the row of `CONTROL` in a record `ttempc.layout.TICK`, which has it as it is logged."""
 TRACKING_COLUMNS: Final = _columns("tracking", TRACKING)
 TUBE_COLUMNS: Final = _columns("tube", TUBE)
+FORESIGHT_COLUMNS: Final = _columns("expected", FORESIGHT)
 SOLVER_COLUMNS: Final = _columns("solver", SOLVER)
 """The record of the solver and `TICK.fallback`, which follows it."""
 

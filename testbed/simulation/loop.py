@@ -87,6 +87,9 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     sink.row(channels.SOLVER, time, solver)
     if not math.isnan(tube[0]):
         sink.row(channels.TUBE, time, tube)
+    foresight = record[channels.FORESIGHT_COLUMNS]
+    if not math.isnan(foresight[0]):
+        sink.row(channels.FORESIGHT, time, foresight)
     if sink.draws and (path := guidance.predicted_path()) is not None:
         sink.path(PREDICTED_PATH_TOPIC, time, path[:, :2])
         sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, path[:, 2:])

@@ -1,16 +1,24 @@
 """Linear-quadratic regulator on the model and outputs of the linear MPC: `lqr`."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
 import numpy as np
 
 from ..errors import check_choice, check_positive, check_vector
 from ..laws.near_stop import weight_factors
 from ..laws.options import steering_step_factors
-from ..laws.tracking_controller import ExactCourse, FeedbackLaw, TrackingController
-from ..models.linear import riccati_gains
+from ..laws.tracking_controller import (
+    ExactCourse,
+    FeedbackLaw,
+    TrackingController,
+    total_ahead,
+)
+from ..models.augmented_state import MAPPED
+from ..models.linear import preview_gains, riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
 from ..reference.reference import GUIDED, Guided, Reference, guided
 from ..tuning import SearchRange
@@ -21,8 +29,14 @@ _M = len(Input)
 
 _OUTPUTS = 4  # x, y of tractor and trailer
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..laws.tracking_controller import DisturbanceAhead
+
 # The gain does not depend on what lies farther ahead: a dozen vehicle lengths at 1 m/s.
 _BEYOND_S = 30.0
+_PREVIEW_S: Final = 4.0  # over which expected disturbances act; the horizon of the MPCs
 
 
 @dataclass(frozen=True)
@@ -66,12 +80,40 @@ class LqrOptions:
         check_choice("guided", self.guided, GUIDED)
 
 
-def step_gains(
-    a: FloatArray, b: FloatArray, c: FloatArray, output_weight: FloatArray, step_weight: FloatArray
-) -> FloatArray:
-    """Return the gains K (N, m, n + m) of the steps Delta u_k = -K_k (z_k, u_{k-1}).
+class StepProblem(NamedTuple):
+    """Linear-quadratic problem of the steps of the inputs, see `step_problem`."""
 
-    They minimise sum y_k' Q y_k + sum Delta u_k' R Delta u_k over all N stages of
+    a: FloatArray  # (N, n + m, n + m)
+    b: FloatArray  # (N, n + m, m)
+    cost: FloatArray  # of the states (N + 1, n + m, n + m)
+    step_weight: FloatArray  # (m,)
+
+    def gains(self) -> FloatArray:
+        """Return the gains K (N, m, n + m) of the steps Delta u_k = -K_k (z_k, u_{k-1})."""
+        return riccati_gains(self.a, self.b, self.cost[:-1], self.step_weight, self.cost[-1])
+
+    def preview(self, gains: FloatArray, by_disturbance: FloatArray, stages: int) -> FloatArray:
+        """Return the gains (N, stages, m, q) of what `by_disturbance` (N, n, q) adds to z."""
+        count, _, inputs = self.b.shape
+        held = np.zeros((count, inputs, by_disturbance.shape[2]))
+        return preview_gains(
+            self.a,
+            self.b,
+            gains,
+            self.cost[:-1],
+            self.step_weight,
+            self.cost[-1],
+            np.concatenate([by_disturbance, held], axis=1),
+            stages,
+        )
+
+
+def step_problem(
+    a: FloatArray, b: FloatArray, c: FloatArray, output_weight: FloatArray, step_weight: FloatArray
+) -> StepProblem:
+    """Return the problem of the steps Delta u in state space.
+
+    The steps minimise sum y_k' Q y_k + sum Delta u_k' R Delta u_k over all N stages of
 
         z_{k+1} = A_k z_k + B_k u_k,    y_k = C_k z_k,    u_k = u_{k-1} + Delta u_k,
 
@@ -88,7 +130,7 @@ def step_gains(
     cost = np.zeros((count + 1, n + m, n + m))
     weighted = c * np.broadcast_to(output_weight, c.shape[:2])[:, :, None]
     cost[:, :n, :n] = c.transpose(0, 2, 1) @ weighted
-    return riccati_gains(augmented, by_step, cost[:-1], step_weight, cost[-1])
+    return StepProblem(augmented, by_step, cost, step_weight)
 
 
 class LqrFeedback(FeedbackLaw):
@@ -106,8 +148,12 @@ class LqrFeedback(FeedbackLaw):
         if course.vehicle.reverse:
             steps[: Input.HP] *= options.reverse_factor
         factors = weight_factors(course.reference, len(c), course.period_s)
-        weights = factors * np.array(options.output_weight)
-        self._gains = step_gains(a, b, c, weights, steps)  # (N, 3, 19)
+        problem = step_problem(a, b, c, factors * np.array(options.output_weight), steps)
+        self._gains = problem.gains()  # (N, 3, 19)
+        self._problem = problem
+        self._by_slips = a[:, :, len(State) : len(State) + MAPPED].copy()
+        self._by_slips[:, len(State) :] = 0.0  # a change ahead does not last
+        self._preview = np.zeros((0, 0, _M, MAPPED))  # (N, stages, 3, 3) of what is expected
         heading = self._gains[:, 0, State.PSI_T] + self._gains[:, 0, State.PSI_I]
         slope = np.abs(heading / self._gains[:, 0, State.Y])
         self._capture = math.radians(options.capture_deg) * slope  # (N,) [m]
@@ -120,7 +166,21 @@ class LqrFeedback(FeedbackLaw):
         state[State.Y] = min(max(state[State.Y], -limit), limit)
         previous = course.feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         u_e = previous - self._gains[k] @ np.concatenate([state, previous])
+        if self.expected:
+            u_e -= self._ahead(k)
         return Diagnostics(feedback=-u_e, robust=np.zeros(_M))
+
+    def expect(self, sources: Sequence[DisturbanceAhead]) -> None:
+        FeedbackLaw.expect(self, sources)
+        if sources:
+            stages = math.ceil(_PREVIEW_S / self._course.period_s)
+            self._preview = self._problem.preview(self._gains, self._by_slips, stages)
+
+    def _ahead(self, k: int) -> FloatArray:
+        """Return the step of u_e (3,) against the disturbances that are expected from tick k on."""
+        gains = self._preview[k]
+        ahead = total_ahead(self.expected, k, len(gains))
+        return np.einsum("jmq,jq->m", gains, ahead)
 
 
 def lqr_controller(

@@ -22,9 +22,11 @@ from ..laws.tracking_controller import (
     FeedbackLaw,
     TrackingController,
     View,
+    total_ahead,
     write_report,
 )
 from ..layout import ESTIMATE, TICK
+from ..models.augmented_state import MAPPED
 from ..mpc.articulated_error import (
     PredictedPath,
     map_gains,
@@ -157,10 +159,13 @@ class NonlinearFeedback(FeedbackLaw):
         course = self._course
         error = np.empty(_ERRORS)
         write_reference_error(course.grid.state[k], row, *self._constants, error)
+        disturbance = error[_BODY_FIXED] + self._map_gains[k : k + horizon] @ error[_MAP_FIXED]
+        if self.expected:
+            disturbance[:, :MAPPED] += total_ahead(self.expected, k, len(disturbance))
         task = Task(
             k=k,
             state=row[_STATE],
-            disturbance=error[_BODY_FIXED] + self._map_gains[k : k + horizon] @ error[_MAP_FIXED],
+            disturbance=disturbance,
             poses=self._poses[k + 1 : k + 1 + horizon],
             feedforward=course.feedforward[k : k + horizon],
             previous=course.feedforward[max(k - 1, 0)] - sent,

@@ -45,6 +45,7 @@ class ControllerEntry:
     # Whether it needs the design of a tube, or uses one where one is given: is tightened by it, and
     # monitors its place in it.
     tube: Literal["required", "optional"] | None = None
+    foresees: bool = False  # whether it foresees by default, see `GuidanceSettings.foresee`
 
     @property
     def options(self) -> Any:  # noqa: ANN401 - a dataclass
@@ -64,10 +65,12 @@ CONTROLLERS: Final = MappingProxyType(
             "articulated model: exact feedforward, offset-free MPC in a growing tube, robust law",
             "laws.articulated_mpc articulated_controller ArticulatedOptions",
             tube="optional",
+            foresees=True,
         ),
         "ttempc-nominal": ControllerEntry(
             "ttempc without its robust law and its tube",
             "laws.articulated_mpc articulated_controller NominalOptions",
+            foresees=True,
         ),
         "ttempc-tube": ControllerEntry(
             "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",

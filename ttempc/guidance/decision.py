@@ -121,6 +121,8 @@ def _begin_tick(t: Record, sample: int) -> None:
     t.solver.primal_residual = math.nan
     t.solver.dual_residual = math.nan
     t.solver.status = math.nan
+    t.expected.slip_i = math.nan
+    t.expected.share = math.nan
 
 
 @_kernel

@@ -190,6 +190,7 @@ class Guidance(GuidanceReport):
                 self.estimate_record, self.reference_tick, self._seen_estimate
             )
         self._sent = supervisor.finish()
+        self._pipeline.report_expected(supervisor.tick)
 
         self.learnt = self._notes
         self._notes = ()
@@ -260,6 +261,7 @@ class Guidance(GuidanceReport):
             detectors=self._monitors.memory(),
             supervisor=self._supervisor.memory(),
             controller=self._supervisor.controller.memory(),
+            foresight=self._pipeline.foresight_memory(),
         )
 
     def restore(self, state: GuidanceState) -> None:
@@ -283,6 +285,7 @@ class Guidance(GuidanceReport):
         self._monitors.restore(state.detectors)
         self._supervisor.restore(state.supervisor)
         self._supervisor.controller.restore(state.controller)
+        self._pipeline.restore_foresight(state.foresight)
 
     def _take_on_learnt(self) -> None:
         """Exchange the parts for those of learnt parameters, if such are due at this tick."""

@@ -4,24 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from ..errors import EstimatorFailed
 from ..estimation.ekf import NO_CHANGE, ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
 from ..laws.tracking_controller import TrackingController
-from ..layout import ESTIMATE, estimate_row, innovation_rows, measurements_of
+from ..layout import (
+    ESTIMATE,
+    EXPECTED,
+    TICK,
+    estimate_row,
+    innovation_rows,
+    measurements_of,
+)
 from ..learning.curve_slip import CurveSlip
 from ..learning.field import FieldMap
+from ..learning.foresight import Foresight
 from ..learning.learner import Identifier, Learner
 from ..learning.window import RecordedTick
 from ..reference.reference import Reference, check_drivable, check_pace
 from ..types import Command, Controller, Estimate, Estimator, FloatArray, State
 from ..vehicle import Vehicle
-from .controllers import EstimatorFactory, estimator_factory, make_controller
+from .controllers import CONTROLLERS, EstimatorFactory, estimator_factory, make_controller
 from .dead_time import DeadTimeCompensation, GuidedController, compensated, lead_s, resume
 from .own_parts import HasStep, HasUpdate, as_controller, as_estimator
 from .settings import GuidanceSettings
 from .user_answer import user_part
+
+_FIRST_EXPECTED: Final = (TICK.fields or {})["expected"][1] // 8
+_EXPECTED: Final = slice(_FIRST_EXPECTED, _FIRST_EXPECTED + EXPECTED.itemsize // 8)
 
 ControllerFactory = Callable[..., HasStep]
 """Makes a controller from vehicle, reference and control period [s], options as keywords."""
@@ -61,6 +73,14 @@ class PipelineRecipe:
         """Whether the estimator was given as an object."""
         is_recipe = isinstance(self.estimator, str | type)
         return not is_recipe and hasattr(self.estimator, "update")
+
+    @property
+    def foresees(self) -> bool:
+        """Whether the trailer's slip is foretold; by default the controller's entry says it."""
+        if self.settings.foresee is not None:
+            return self.settings.foresee
+        entry = CONTROLLERS.get(self.controller) if isinstance(self.controller, str) else None
+        return entry is not None and entry.foresees
 
     def make_estimator(self, vehicle: Vehicle) -> Estimator:
         """Return the estimator of a name or a factory, or the object itself."""
@@ -153,12 +173,22 @@ class Pipeline:
         self.curve_slip: CurveSlip | None = None
         if self.field is None and (vehicle.compliance_t or vehicle.compliance_i):
             self.curve_slip = CurveSlip(recipe.reference, recipe.period_s, lead_s(vehicle))
+        self.foresight: Foresight | None = None
+        if recipe.foresees:
+            self.foresight = Foresight(vehicle, recipe.period_s, lead_s(vehicle))
         self._show_changes_to_the_law()
 
     @property
-    def _expected(self) -> list[FieldMap | CurveSlip]:
-        """Sources of changes of disturbances that are known beforehand."""
+    def _of_reference(self) -> list[FieldMap | CurveSlip]:
+        """Sources of changes of disturbances that are known beforehand along the reference."""
         return [source for source in (self.field, self.curve_slip) if source is not None]
+
+    @property
+    def _expected(self) -> list[FieldMap | CurveSlip | Foresight]:
+        """All sources of changes that a plan may foresee."""
+        if self.foresight is None:
+            return [*self._of_reference]
+        return [*self._of_reference, self.foresight]
 
     def _show_changes_to_the_law(self) -> None:
         """Let a law of the library plan with the disturbances that are expected."""
@@ -166,7 +196,7 @@ class Pipeline:
         if isinstance(inner, DeadTimeCompensation):
             inner = inner.controller
         if isinstance(inner, TrackingController):
-            inner.feedback.expected = self._expected
+            inner.feedback.expect(self._expected)
 
     def warm_up(self) -> None:
         """Compile or load what the parts need; changes no later result."""
@@ -187,7 +217,9 @@ class Pipeline:
         """
         estimator = self.estimator
         if type(estimator) is ExtendedKalmanFilter:  # one that derives from it has an own `update`
-            change = sum((source.change(reference_tick) for source in self._expected), NO_CHANGE)
+            change = sum(
+                (source.change(reference_tick) for source in self._of_reference), NO_CHANGE
+            )
             return *estimator.observe(now, rows, sent, change), None
 
         command = Command(*sent.tolist()) if tick else None
@@ -211,11 +243,27 @@ class Pipeline:
         """Hand a tick to the learners of the vehicle and of the field; a fault teaches nothing."""
         if is_faulty:
             self.learner.forget()
-        for source in self._expected:
+        for source in self._of_reference:
             source.observe(reference_tick, estimate, not is_faulty)
+        if self.foresight is not None:
+            self.foresight.observe(rows, estimate, not is_faulty)
         state = estimate.view(ESTIMATE)[0]["state"]
         headings = (float(state[State.PSI_T]), float(state[State.PSI_I]))
         self.learner.record(tick, now, rows, sent, *headings)
+
+    def foresight_memory(self) -> tuple[FloatArray, ...] | None:
+        """Return the memory of the foresight, None without one."""
+        return None if self.foresight is None else self.foresight.memory()
+
+    def restore_foresight(self, memory: tuple[FloatArray, ...] | None) -> None:
+        """Let the foresight go on from a memory."""
+        if self.foresight is not None and memory is not None:
+            self.foresight.restore(memory)
+
+    def report_expected(self, tick: FloatArray) -> None:
+        """Write what the foresight expected at a step into its record `TICK`."""
+        if self.foresight is not None:
+            tick[_EXPECTED] = self.foresight.expected
 
     def exchange(
         self, tick: int, sent: FloatArray

@@ -47,6 +47,10 @@ class GuidanceSettings:
     """Whether disturbances are learnt by place and known on the next pass over the same line; or
     the `FieldMap.rows` of an earlier drive."""
 
+    foresee: bool | None = None
+    """Whether the side slip of the trailer is foretold from what its tractor has met at a place,
+    see `ttempc.learning.foresight`; absent: for `ttempc` and `ttempc-nominal`."""
+
     detect: Detect = True
     """Whether the built-in detectors of faults run; or a list of the names of those that run, of
     those that do not (`"-drift"`), and of detectors of your own beside them."""

@@ -55,6 +55,8 @@ class GuidanceState:
     """Record of the guard, of the last tick, and the commands under way."""
     controller: object
     """Memory of the controller, see `Controller.memory`."""
+    foresight: tuple[FloatArray, ...] | None = None
+    """Memory of the foresight, see `Foresight.memory`; None without one."""
 
     def copy(self) -> GuidanceState:
         """Return a state that shares nothing with the guidance."""

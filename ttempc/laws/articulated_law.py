@@ -37,7 +37,7 @@ from .law_records import (
     new_memory,
 )
 from .robust_action import advance, write_robust_action
-from .tracking_controller import FeedbackLaw, View, write_report
+from .tracking_controller import FeedbackLaw, View, total_ahead, write_report
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -171,9 +171,13 @@ def write_actions(
 
     for i in range(ERRORS):
         s.error[i] = work.state[i]
+    for i in range(STATES):
+        s.foreseen[i] = work.preview[0, i]
     s.last_tick = k
     t.law = s.fallback
     advance(k, stages, s.error, s.feedback, s.next_nominal)
+    for i in range(STATES):
+        s.next_nominal[i] += s.foreseen[i]
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -294,10 +298,10 @@ class ArticulatedLaw(FeedbackLaw):
         if self.expected:  # -E (s(k + j) - s(k)), see `error_dynamics`
             reference_tick = row_of_tables + self._table_offset
             count = len(work.preview)
-            ahead = sum(source.ahead(reference_tick, count) for source in self.expected)
+            ahead = total_ahead(self.expected, reference_tick, count)[..., None]
             rows = slice(row_of_tables, row_of_tables + count)
             by_slips = stages.a[rows, :, STATES : STATES + MAPPED]
-            work.preview[:] = (by_slips @ np.asarray(ahead)[..., None])[..., 0]
+            work.preview[:] = (by_slips @ ahead)[..., 0]
         return try_in_closed_form(
             row_of_tables, estimate, sent, self.law, stages, work, memory, tick
         )

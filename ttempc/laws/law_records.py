@@ -80,6 +80,7 @@ MEMORY: Final = np.dtype(
         ("cut_across", "f8"),
         ("last_tick", "f8"),  # of a step, -2 before the first
         ("error", "f8", ERRORS),  # on which the MPC acted then
+        ("foreseen", "f8", STATES),  # what the plan expected beside the model in that period
         ("feedback", "f8", INPUTS),  # u_b
         ("previous", "f8", INPUTS),  # u_e of the period before it
         ("action", "f8", INPUTS),  # u_m of this tick

@@ -59,6 +59,8 @@ def write_deviation(k: int, law: Law, stages: Stages, memory: FloatArray, work: 
     continues = s.last_tick == k - 1
     if continues and kind == ONE_STEP:
         advance(k - 1, stages, s.error, s.previous, s.nominal)
+        for i in range(STATES):
+            s.nominal[i] += s.foreseen[i]
     for i in range(STATES):
         if not continues:
             s.nominal[i] = work.state[i]

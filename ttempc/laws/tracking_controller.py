@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from ..layout import ESTIMATE, TICK, estimate_row, estimate_view, new_tick
+from ..models.augmented_state import MAPPED
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import (
     Command,
@@ -32,6 +33,14 @@ class DisturbanceAhead(Protocol):
     def ahead(self, k: int, count: int) -> FloatArray:
         """Return the changes from tick k to ticks k, k + 1, ... k + count - 1, (count, 3) [rad]."""
         ...
+
+
+def total_ahead(sources: Sequence[DisturbanceAhead], k: int, count: int) -> FloatArray:
+    """Return the sum of the changes that all sources expect, (count, 3) [rad]."""
+    total = np.zeros((count, MAPPED))
+    for source in sources:
+        total += source.ahead(k, count)
+    return total
 
 
 View = Callable[[], Estimate]
@@ -67,6 +76,11 @@ class FeedbackLaw:
         return told
 
     expected: Sequence[DisturbanceAhead] = ()  # changes of disturbances that a plan may foresee
+
+    def expect(self, sources: Sequence[DisturbanceAhead]) -> None:
+        """Let plans foresee the changes of disturbances that the sources expect."""
+        self.expected = sources
+
     report: SolverReport | None = None  # of the last QP that a solver answered, where `act` is None
 
     def predicted_path(self, k: int) -> FloatArray | None:

@@ -98,3 +98,46 @@ def riccati_gains(
         value = state_cost[k] + products[:n, :n] - products[:n, n:] @ gains[k]
         value = 0.5 * (value + value.T)
     return gains
+
+
+def preview_gains(
+    a: FloatArray,
+    b: FloatArray,
+    gains: FloatArray,
+    state_cost: FloatArray,
+    input_cost: FloatArray,
+    terminal_cost: FloatArray,
+    by_disturbance: FloatArray,
+    stages: int,
+) -> FloatArray:
+    """Return the gains F (N, stages, m, q) of u(k) = -K_k z(k) - sum_j F_kj d(k + j).
+
+    With the model z(k+1) = A_k z(k) + B_k u(k) + E_k d(k) these inputs minimise the cost of
+    `riccati_gains`, whose gains K are given, for a disturbance that is known over `stages` stages
+    from now on and 0 after them (Bryson and Ho 1975, section 5.3). With A - BK = L,
+
+        F_kj = (R + B'PB)^-1 B_k' V_kj,   V_k0 = P_(k+1) E_k,   V_kj = L_(k+1)' V_(k+1)(j-1).
+
+    E is (N, n, q), the other arguments are those of `riccati_gains`. Beyond the last stage there is
+    no disturbance.
+    """
+    count, n, inputs = b.shape
+    size = by_disturbance.shape[2]
+    weight = np.diag(input_cost)
+    result = np.empty((count, stages, inputs, size))
+    value = terminal_cost
+    later = np.zeros((n, stages, size))  # V of the stage after, with its L' before it
+    for k in reversed(range(count)):
+        costates = np.concatenate([(value @ by_disturbance[k])[:, None], later[:, :-1]], axis=1)
+        curvature = weight + b[k].T @ value @ b[k]
+        forces = b[k].T @ costates.reshape(n, -1)
+        result[k] = (
+            np.linalg.solve(curvature, forces).reshape(inputs, stages, size).transpose(1, 0, 2)
+        )
+
+        closed = a[k] - b[k] @ gains[k]
+        later = (closed.T @ costates.reshape(n, -1)).reshape(n, stages, size)
+        by_input = gains[k].T @ weight @ gains[k]
+        value = state_cost[k] + by_input + closed.T @ value @ closed
+        value = 0.5 * (value + value.T)
+    return result

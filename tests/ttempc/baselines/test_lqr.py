@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.horizons import qp_of
-from ttempc.baselines.lqr import LqrOptions, step_gains
+from ttempc.baselines.lqr import LqrOptions, step_problem
 from ttempc.guidance.controllers import make_controller
 from ttempc.laws.options import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics
@@ -29,7 +29,7 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
     """Riccati from the end of the horizon backwards minimises what the condensed QP minimises."""
     stages = 80
     a, b, c = error_dynamics(REFERENCE, PERIOD_S, stages)
-    gain = step_gains(a, b, c, *WEIGHTS)[0]
+    gain = step_problem(a, b, c, *WEIGHTS).gains()[0]
     tuning = MpcOptions(
         horizon=stages,
         moves=stages,

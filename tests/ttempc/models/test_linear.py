@@ -9,7 +9,8 @@ import pytest
 from scipy.linalg import expm
 
 from ttempc.errors import InvalidTuning
-from ttempc.models.linear import riccati_gains, zero_order_hold
+from ttempc.models.linear import preview_gains, riccati_gains, zero_order_hold
+from ttempc.types import FloatArray
 
 PERIOD_S = 0.2
 
@@ -61,3 +62,39 @@ def test_gains_of_a_finite_horizon_minimise_its_cost():
         gradient = gradient + by_inputs.T @ cost[k + 1] @ state @ start
     minimiser = -np.linalg.solve(hessian, gradient)
     np.testing.assert_allclose(np.concatenate(inputs), minimiser, rtol=1e-6, atol=1e-9)
+
+
+def test_preview_gains_are_those_of_the_batch_problem() -> None:
+    # min sum z'Qz + u'Ru over all stages at once, for a disturbance that is known beforehand
+    generator = np.random.default_rng(5)
+    stages, n, m, q = 6, 3, 2, 2
+    a = generator.normal(0.0, 0.6, (stages, n, n))
+    b = generator.normal(0.0, 1.0, (stages, n, m))
+    by = generator.normal(0.0, 1.0, (stages, n, q))
+    cost = np.tile(np.diag([1.0, 2.0, 0.5]), (stages + 1, 1, 1))
+    weight = np.array([0.3, 0.7])
+    known = generator.normal(0.0, 1.0, (stages, q))
+    start = generator.normal(0.0, 1.0, n)
+
+    def states(inputs: FloatArray) -> FloatArray:
+        z = [start]
+        for k in range(stages):
+            z.append(a[k] @ z[-1] + b[k] @ inputs[k] + by[k] @ known[k])
+        return np.array(z)
+
+    free = states(np.zeros((stages, m)))
+    response = np.zeros((stages + 1, n, stages, m))
+    for k in range(stages):
+        for i in range(m):
+            unit = np.zeros((stages, m))
+            unit[k, i] = 1.0
+            response[:, :, k, i] = states(unit) - free
+    flat = response.reshape(-1, stages * m)
+    weights = np.kron(np.eye(stages + 1), cost[0])
+    hessian = flat.T @ weights @ flat + np.diag(np.tile(weight, stages))
+    best = -np.linalg.solve(hessian, flat.T @ weights @ free.ravel())[:m]
+
+    gains = riccati_gains(a, b, cost[:-1], weight, cost[-1])
+    ahead = preview_gains(a, b, gains, cost[:-1], weight, cost[-1], by, stages)
+    found = -gains[0] @ start - np.einsum("jmq,jq->m", ahead[0], known)
+    assert found == pytest.approx(best, abs=1e-9)

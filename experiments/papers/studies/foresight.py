@@ -1,0 +1,119 @@
+"""Foresight of the trailer's side slip on trials of the benchmark, with and without, by controller.
+
+The working point is the tool where there is one, else the trailer's axle. All columns of a line
+drive the same seeds; the change is that of the same seed, with foresight less without.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from ttempc.types import FloatArray
+
+from ...results.statistics import mean
+from ...studies.sweep.study import Study
+from ...studies.trials.definition import trial_files
+from ..markdown import groups, lost, markdown, numbers
+from ..table import Table, study, variants
+
+_SEEDS: Final = range(3001, 3011)
+_TRIALS: Final = ("rough-grass", "ruts", "wet-slope", "tool")
+_GOOD_ON: Final = ("rough-grass", "wet-slope")
+_GOOD: Final = ("sensors.gnss_sd_m=0.008", "sensors.angle_sd_deg=0.3")
+_NO_IMU: Final = "no IMU"
+_IMU: Final = "IMU"
+_FORESEES: Final = "IMU + foresight"
+_TRUE: Final = "true state"
+_BOTH: Final = "true state + foresight"
+_WAYS: Final[Mapping[str, tuple[str, ...]]] = {
+    _NO_IMU: ("sensors.imu.on=false", "controller.foresee=false"),
+    _IMU: ("sensors.imu.on=true", "controller.foresee=false"),
+    _FORESEES: ("sensors.imu.on=true", "controller.foresee=true"),
+    _TRUE: ("sensors.imu.on=true", "controller.foresee=false", "controller.estimator=truth"),
+    _BOTH: ("sensors.imu.on=true", "controller.foresee=true", "controller.estimator=truth"),
+}
+_OWN: Final = "ttempc"
+_RIVALS: Final = ("nmpc-rti", "lqr")
+_TRACTOR: Final = "tracking.all.tractor.cross_p95_m"
+_TRAILER: Final = "tracking.all.trailer.cross_p95_m"
+_TOOL: Final = "tracking.all.tool.cross_p95_m"
+
+
+def working_point(runs: pd.DataFrame) -> FloatArray:
+    """Return the p95 of the working point of runs (n,) [cm]."""
+    trailer = numbers(runs, _TRAILER)
+    if _TOOL not in runs:
+        return 100.0 * trailer
+    tool = numbers(runs, _TOOL)
+    return 100.0 * np.where(np.isnan(tool), trailer, tool)
+
+
+def _cases(*ways: str) -> dict[str, tuple[str, ...]]:
+    """Return the changes of every controller in some ways; true states are those of `ttempc`."""
+    return {
+        f"{controller}: {way}": (f"controller.name={controller}", *_WAYS[way])
+        for controller in (_OWN, *_RIVALS)
+        for way in ways
+        if controller == _OWN or way not in (_TRUE, _BOTH)
+    }
+
+
+def _studies() -> dict[str, Study]:
+    """Return a study for each trial, and one with good receivers for some."""
+    files = {trial: str(trial_files()[trial]) for trial in _TRIALS}
+    every = variants("case", _cases(*_WAYS))
+    own = {trial: study(files[trial], _SEEDS, (), every) for trial in _TRIALS}
+    some = variants("case", _cases(_IMU, _FORESEES))
+    good = {
+        f"{trial}, receivers of 0.8 cm": study(files[trial], _SEEDS, _GOOD, some)
+        for trial in _GOOD_ON
+    }
+    return own | good
+
+
+def format_table(runs: pd.DataFrame) -> str:
+    """Return a line for each study and controller."""
+    cases = runs["case"].str.split(": ", n=1, expand=True)
+    runs = runs.assign(controller=cases[0], way=cases[1]).sort_values("seed", kind="stable")
+    lines = []
+    for group in groups(runs, ("study", "controller")):
+        ways = {way: group[group["way"] == way] for way in _WAYS}
+        means = [
+            f"{np.mean(working_point(found)):.2f}" if len(found) else "" for found in ways.values()
+        ]
+        change = mean(working_point(ways[_FORESEES]) - working_point(ways[_IMU]))
+        low, high = change.ends
+        both = (ways[_IMU], ways[_FORESEES])
+        tractor = [100.0 * float(np.mean(numbers(found, _TRACTOR))) for found in both]
+        first = group.iloc[0]
+        lines.append(
+            (
+                first["study"],
+                f"`{first['controller']}`",
+                *means,
+                f"{change.value:+.2f} ({low:+.2f} to {high:+.2f})",
+                " / ".join(f"{value:.2f}" for value in tractor),
+                lost(group),
+            )
+        )
+    heads = (
+        "trial",
+        "controller",
+        *_WAYS,
+        "change by foresight",
+        "tractor with IMU, and foresight",
+        "lost",
+    )
+    return markdown(heads, lines)
+
+
+TABLES: Final = (
+    Table(
+        name="foresight",
+        studies=_studies(),
+        text=format_table,
+        checks=(("grass", "ttempc", "controller.foresee=true", "sensors.imu.on=true"),),
+    ),
+)
