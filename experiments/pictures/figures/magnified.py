@@ -7,7 +7,6 @@ the line, it shows where a vehicle is off, and to which side.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ttempc.types import FloatArray
 
@@ -64,5 +63,5 @@ def beside(points: FloatArray, headings: FloatArray, offset_m: FloatArray) -> Fl
 
 def extent_of(points: FloatArray) -> float:
     """Return the longer side of the box around points (n, 2) [m], 0 without any."""
-    finite: NDArray[np.bool_] = np.isfinite(points).all(axis=1)
+    finite = np.isfinite(points).all(axis=1)
     return float(np.ptp(points[finite], axis=0).max()) if finite.any() else 0.0
