@@ -4,11 +4,11 @@ import faulthandler
 import sys
 
 import pytest
-from proving_ground.experiments.threads import use_one_thread
+from proving_ground.experiments.numerics import settle_numerics
 
 SLOW_S = 3600.0  # of a study; any other test has `faulthandler_timeout` of pyproject.toml
 
-use_one_thread()  # pytest has a process for each core
+settle_numerics()  # pytest has a process for each core
 
 
 @pytest.fixture(autouse=True)

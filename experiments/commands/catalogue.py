@@ -1,6 +1,7 @@
 """`ttempc list` and `ttempc new`: what ships, and templates of one's own."""
 
 import argparse
+import importlib.util
 import json
 import keyword
 from pathlib import Path
@@ -107,6 +108,8 @@ def new(arguments: argparse.Namespace) -> int:
         raise ExperimentError(f"name {name!r}: must be as that of a Python module, my_controller")
     file = Path(f"{name}{suffix}")
     refuse_existing(file)
+    if suffix == ".py" and importlib.util.find_spec(name) is not None:
+        raise ExperimentError(f"name {name!r}: the file would hide the module {name}, give another")
     named = "".join(part.capitalize() for part in name.split("_"))
     shipped = resource("proving_ground.experiments", f"templates/{template}")
     text = read_bounded(shipped).decode()

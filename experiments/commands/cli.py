@@ -18,8 +18,8 @@ from ttempc.suggestion import did_you_mean
 from ...testbed.errors import TestbedError
 from ...testbed.terminal import one_line
 from ..errors import ExperimentError
+from ..numerics import settle_numerics
 from ..output import announce_compilation
-from ..threads import use_one_thread
 from .options import EXIT_BAD_INPUT, EXIT_INTERRUPTED, Command, Group
 
 # Module and attribute of each command, and its help in one line.
@@ -62,7 +62,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    use_one_thread()
+    settle_numerics()
     parsed = argparse.Namespace(own_process=arguments is None)
     arguments = sys.argv[1:] if arguments is None else arguments
     previous = _catch_termination()

@@ -41,6 +41,7 @@ from ...testbed.simulation.fast_mujoco.library import Clock
 from ...testbed.simulation.loop import STAGES
 from ...testbed.simulation.plant import Plant
 from ...testbed.vehicle.vehicle import PlantVehicle
+from ..numerics import settle_numerics
 from ..run.assembly import assemble
 from ..run.run_log import describe, open_log
 from ..run.simulate import drive_into
@@ -52,7 +53,6 @@ from ..studies.sweep.results import rows
 from ..studies.sweep.row import Row
 from ..studies.sweep.study import ListAxis, Study
 from ..studies.sweep.sweep import sweep
-from ..threads import use_one_thread
 from .markdown import markdown
 from .memory import peak_mb
 from .studies.effects import BASE, EFFECTS
@@ -403,7 +403,7 @@ TABLES: Final = (Table(name="performance", make=lambda runner: table()),)
 
 def main() -> None:
     """Measure and print the table."""
-    use_one_thread()
+    settle_numerics()
     print(table())
 
 

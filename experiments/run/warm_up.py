@@ -10,7 +10,7 @@ import sys
 from argparse import Namespace
 from typing import Final
 
-from ..threads import use_one_thread
+from ..numerics import settle_numerics
 
 _ARGUMENTS: Final = ("-m", "proving_ground.experiments.run.warm_up")
 
@@ -46,5 +46,5 @@ def _compile() -> None:
 
 
 if __name__ == "__main__":
-    use_one_thread()
+    settle_numerics()
     _compile()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import platform
 import shlex
 import signal
 import subprocess
@@ -13,8 +14,8 @@ import pytest
 from PIL import Image
 from proving_ground.experiments.commands import drive
 from proving_ground.experiments.commands.cli import _COMMANDS, main
+from proving_ground.experiments.numerics import COMMON_CODE, ONE_THREAD
 from proving_ground.experiments.scenario.scenario import shipped
-from proving_ground.experiments.threads import ONE_THREAD
 from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import STATE
 
@@ -47,15 +48,23 @@ def states(folder):
     return read_log(folder / "log.mcap")[STATE].values
 
 
+COMMAND = (sys.executable, "-m", "proving_ground.experiments.commands.cli", "run", "grass")
+
+
+def unsettled(**variables):
+    """Return the environment of a user, who has settled nothing but these variables."""
+    settled = {**ONE_THREAD, **COMMON_CODE}
+    own = {name: value for name, value in os.environ.items() if name not in settled}
+    return own | variables
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """Folder of a short run, driven by a process of its own, with what it printed."""
     folder = tmp_path_factory.mktemp("run") / "short"
-    environment = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
-    command = [sys.executable, "-m", "proving_ground.experiments.commands.cli", "run", "grass"]
     done = subprocess.run(
-        [*command, *SHORT, "--seed", "3", "-o", str(folder)],
-        env=environment,
+        [*COMMAND, *SHORT, "--seed", "3", "-o", str(folder)],
+        env=unsettled(),
         capture_output=True,
         text=True,
         timeout=300,
@@ -84,6 +93,20 @@ def test_the_same_seed_has_the_same_bits_in_another_process_and_from_the_resolve
     assert main(["run", *SHORT, "--seed", "4", "-o", "other", "-q"]) == 0
     assert capsys.readouterr().out == ""
     assert not np.array_equal(states(here / "other"), states(folder))
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the common level is one of x86-64")
+def test_a_run_has_the_same_bits_with_another_processors_blas_kernels(finished, tmp_path):
+    """OpenBLAS has kernels for each make; a user's own choice is left alone."""
+    folder, _ = finished
+    other = tmp_path / "zen"
+    subprocess.run(
+        [*COMMAND, *SHORT, "--seed", "3", "--quiet", "-o", str(other)],
+        env=unsettled(OPENBLAS_CORETYPE="Zen"),
+        timeout=300,
+        check=True,
+    )
+    np.testing.assert_array_equal(states(folder), states(other))
 
 
 def test_early_termination_is_exit_code_3_with_log_and_summary(here, capsys):
@@ -168,7 +191,7 @@ def test_help_names_every_command_loads_nothing_slow_and_leaves_one_thread():
         "import os\n"
         "print(len(os.listdir('/proc/self/task')) if sys.platform == 'linux' else 1)\n"
     )
-    environment = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
+    environment = unsettled()
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )

@@ -109,7 +109,7 @@ class Film:
         """Write the picture (.png, .jpg) or the film (.mp4, .webp), whole or not at all.
 
         Raises:
-            OutputExists: the file or its partial file exists.
+            OutputExists: the file exists.
             InvalidFilm: the suffix or the folder is wrong, or the file cannot be written.
             MissingExtra: an .mp4 needs the extra `film`.
         """
@@ -150,7 +150,7 @@ def _check_writable(file: Path, suffixes: tuple[str, ...]) -> None:
     """Raise if a file exists, has another suffix, or lies in no writable folder."""
     if file.suffix.lower() not in suffixes:
         raise InvalidFilm(f"{file}: must end in {', '.join(suffixes)}")
-    refuse_existing(file, partial_path(file))
+    refuse_existing(file)
     if not os.access(file.parent, os.W_OK):
         raise InvalidFilm(f"{file}: there is no folder {file.parent} that can be written to")
 

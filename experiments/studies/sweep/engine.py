@@ -20,7 +20,7 @@ from typing import Any, Final, TypeVar
 
 from ....testbed.recording.provenance import code_digest, versions
 from ...errors import SweepRefused, SweepStopped
-from ...threads import ONE_THREAD
+from ...numerics import ONE_THREAD
 
 _CONNECT_S: Final = 5.0
 _FIRST_WORKER_S: Final = 10.0
