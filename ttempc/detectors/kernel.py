@@ -31,7 +31,7 @@ from .position import (
 )
 from .readings import READINGS, new_readings, observe_readings
 from .receiver import RECEIVER, observe_receiver
-from .speeds import SPEEDS, measure_speeds, new_speeds
+from .speeds import SPEEDS, latest_plan, measure_speeds, new_speeds
 from .standstill import STANDSTILL, check_standstill, new_standstill
 from .steering import observe_standstill, observe_steering
 from .steps import STEPS, observe_steps
@@ -180,7 +180,8 @@ def _observe_estimate(s: Record, data: TickData) -> None:
             roughness = s.last.roughness
             observe_steps(s.steps, s.drift, board, data, roughness, position_sd, confirmed)
     if board.enabled[DetectorIndex.AT_REST]:
-        check_standstill(s.standstill, board, data, s.speeds.position_sd)
+        planned_mps = latest_plan(s.speeds)
+        check_standstill(s.standstill, board, data, s.speeds.position_sd, planned_mps)
     remember_estimate(s.last, data)
 
 

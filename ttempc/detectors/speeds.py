@@ -156,6 +156,13 @@ def _plan_speed(memory: Record, data: TickData) -> None:
 
 
 @kernel
+def latest_plan(memory: Record) -> float:
+    """Return the planned speed of the latest command [m/s], without a sign; 0 without one."""
+    count = int(memory.planned[0, 0])
+    return memory.planned[count, Entry.FIRST] if count else 0.0
+
+
+@kernel
 def _measure_ground(memory: Record) -> None:
     """Write the speed over ground of both receivers' mean, and the other speeds in its span."""
     begin_s = math.inf

@@ -79,8 +79,13 @@ def add_position(memory: Record, sample: FloatArray, receiver: int) -> None:
 
 
 @kernel
-def check_standstill(memory: Record, board: Record, data: TickData, position_sd: float) -> None:
+def check_standstill(
+    memory: Record, board: Record, data: TickData, position_sd: float, planned_mps: float
+) -> None:
     """Watch both receivers for as long as the vehicle stands, for whatever reason it does.
+
+    It does where the estimate is slow and no faster creep is asked of the hydrostat than what
+    counts as a drift.
 
     Both receivers have one velocity w, by least squares. With n positions, sums S over them and the
     standard deviation s of their white noise,
@@ -99,14 +104,15 @@ def check_standstill(memory: Record, board: Record, data: TickData, position_sd:
         board: record `BOARD`.
         data: of the tick.
         position_sd: of the white noise of the positions [m].
+        planned_mps: speed that the commands ask for, without a sign.
     """
     index = DetectorIndex.AT_REST
     if memory.moved >= _CONFIRMED:
         return  # the statistic stays
-    speed = data.estimate.state[State.V]
-    if not abs(speed) <= _RESTS_MPS:
+    rests = abs(data.estimate.state[State.V]) <= _RESTS_MPS and not planned_mps > _STILL_MPS
+    if not rests:
         memory.moved = 0.0
-    if not abs(speed) <= _RESTS_MPS or math.isnan(memory.since_s):
+    if not rests or math.isnan(memory.since_s):
         _begin(memory, data.now)
 
     count = max(memory.count, 1.0)
