@@ -226,6 +226,9 @@ def test_a_template_drives_with_the_command_that_is_printed(here, capsys):
 def test_a_template_needs_a_name_and_overwrites_nothing(here, capsys):
     for name in ("a b", "../a", "class", "my-own", ""):
         assert "name" in refusal(capsys, "new", "controller", name)
+    for name in ("os", "numpy", "proving_ground"):  # a file of that name would hide the module
+        assert "would hide the module" in refusal(capsys, "new", "controller", name)
+    assert not list(here.iterdir())
     (here / "mine.toml").write_text("mine")
     assert "exists already" in refusal(capsys, "new", "scenario", "mine")
     assert (here / "mine.toml").read_text() == "mine"
