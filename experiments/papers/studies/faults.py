@@ -62,14 +62,14 @@ def drive_fault(job: SweepJob) -> Row:
     """Drive a run with a fault and return when and as what it was noticed, and how far off.
 
     `off_at_notice_m` and `worst_m` are largest distances off the path from the start of the fault
-    to the first reaction, and to the end.
+    to the first act, see `first_act`, and to the end.
     """
     label = Label.read(str(job.axes["drive"]))
     table = CLASSES[label.of]
     start_s = start_of(job.scenario)
     ended, record, begun = drive_and_list(job, start_s + table.get("watch_s", WATCH_S))
 
-    first = first_reaction(begun, start_s)
+    first = first_act(begun, start_s)
     noticed_s = first.time_s if first else _NEVER
     time_s, off = distance_off(record)
     since = time_s >= start_s
@@ -86,9 +86,9 @@ def drive_fault(job: SweepJob) -> Row:
     }
 
 
-def first_reaction(begun: Sequence[Begun], start_s: float) -> Begun | None:
-    """Return what began first from a time on."""
-    return next((one for one in begun if one.time_s >= start_s), None)
+def first_act(begun: Sequence[Begun], start_s: float) -> Begun | None:
+    """Return what began first from a time on and changed the drive; mere reports do not count."""
+    return next((one for one in begun if one.acts and one.time_s >= start_s), None)
 
 
 def _with_labels(runs: pd.DataFrame) -> pd.DataFrame:
