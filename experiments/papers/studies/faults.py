@@ -31,6 +31,7 @@ OFF_M: Final = 0.5
 """Distance off the path before which a fault is to be noticed [m]."""
 
 _STANDS: Final = 0.05  # [m/s]
+_TOGETHER_S: Final = 1.0  # in which alarms count as one; assumed
 _NEVER: Final = np.inf  # time of a reaction that did not come
 
 
@@ -75,12 +76,11 @@ def drive_fault(job: SweepJob) -> Row:
     since = time_s >= start_s
     before = since & (time_s <= noticed_s)
     row = job.row(ended.status, ended.failure, {"hours": ended.duration_s / 3600.0}, None)
-    named = first is not None and any(part in first.cause for part in CAUSES[table["causes"]])
     return {
         **row,
         "noticed_s": noticed_s - start_s if first else None,
         "cause": first.cause if first else "",
-        "named": named,
+        "named": is_named(begun, noticed_s, CAUSES[table["causes"]]),
         "off_at_notice_m": float(off[before].max(initial=0.0)),
         "worst_m": float(off[since].max(initial=0.0)),
     }
@@ -89,6 +89,16 @@ def drive_fault(job: SweepJob) -> Row:
 def first_act(begun: Sequence[Begun], start_s: float) -> Begun | None:
     """Return what began first from a time on and changed the drive; mere reports do not count."""
     return next((one for one in begun if one.acts and one.time_s >= start_s), None)
+
+
+def is_named(begun: Sequence[Begun], noticed_s: float, causes: Sequence[str]) -> bool:
+    """Return whether an act within a second of the first names one of the causes."""
+    first = [
+        one.cause
+        for one in begun
+        if one.acts and noticed_s <= one.time_s <= noticed_s + _TOGETHER_S
+    ]
+    return any(part in cause for cause in first for part in causes)
 
 
 def _with_labels(runs: pd.DataFrame) -> pd.DataFrame:
