@@ -1,8 +1,8 @@
 """Limit of each trial of the benchmark: the oracle, and the regret of `ttempc` against it.
 
 `oracle` freezes the benchmark: it makes the reference values that ship with it, so that the card of
-an own controller needs no oracle drive, and the checks of its plant. `regret` puts them beside `ttempc`, the best of its rivals, and
-`ttempc` with the true state.
+an own controller needs no oracle drive, and the checks of its plant. `regret` puts them beside
+`ttempc`, the best of its rivals, and `ttempc` with the true state.
 """
 
 import json
