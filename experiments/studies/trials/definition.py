@@ -78,7 +78,7 @@ def oracle_errors() -> dict[str, dict[str, float]]:
     They are made by the study `oracle` of `experiments.papers`. A trial without an entry has no
     score.
     """
-    return json.loads((folder() / "oracle.json").read_text(encoding="utf-8"))
+    return json_table(read_bounded(folder() / "oracle.json"))
 
 
 def oracle_error(name: str) -> float | None:
