@@ -1,4 +1,4 @@
-"""Foresight of the trailer's side slip on trials of the benchmark, with and without, by controller.
+"""Foresight of the trailer's side slip on fields of one lap, with and without, by controller.
 
 The working point is the tool where there is one, else the trailer's axle. All columns of a line
 drive the same seeds; the change is that of the same seed, with foresight less without.
@@ -14,12 +14,28 @@ from ttempc.types import FloatArray
 
 from ...results.statistics import mean
 from ...studies.sweep.study import Study
-from ...studies.trials.definition import trial_files
 from ..markdown import groups, lost, markdown, numbers
 from ..table import Table, study, variants
 
 _SEEDS: Final = range(3001, 3011)
-_TRIALS: Final = ("rough-grass", "ruts", "wet-slope", "tool")
+_LAP: Final = ("path.laps=1", "sensors.angle_resolution_deg=0.0")
+_TOOL_AT_WORK: Final = (
+    'implement={type="field-cultivator-second",width_m=1.2,depth_m=0.05,work_m=[[3.0,130.0]]}'
+)
+_TRIALS: Final[Mapping[str, tuple[str, ...]]] = {
+    "rough-grass": (
+        "grass",
+        *_LAP,
+        'terrain.iso_class="E"',
+        "soil.cone_index_kpa=500.0",
+        "soil.random={coefficient_of_variation=0.2,correlation_m=5.0}",
+    ),
+    "ruts": ("soft-passes", *_LAP, "path.laps=2"),
+    "wet-slope": ("wet-slope", *_LAP),
+    "tool": ("side-slope", *_LAP, _TOOL_AT_WORK),
+}
+"""Scenario of each field and its changes; receivers with 3 cm of white noise."""
+
 _GOOD_ON: Final = ("rough-grass", "wet-slope")
 _GOOD: Final = ("sensors.gnss_sd_m=0.008", "sensors.angle_sd_deg=0.3")
 _NO_IMU: Final = "no IMU"
@@ -62,14 +78,15 @@ def _cases(*ways: str) -> dict[str, tuple[str, ...]]:
 
 def _studies() -> dict[str, Study]:
     """Return a study for each trial, and one with good receivers for some."""
-    files = {trial: str(trial_files()[trial]) for trial in _TRIALS}
     every = variants("case", _cases(*_WAYS))
-    own = {trial: study(files[trial], _SEEDS, (), every) for trial in _TRIALS}
     some = variants("case", _cases(_IMU, _FORESEES))
-    good = {
-        f"{trial}, receivers of 0.8 cm": study(files[trial], _SEEDS, _GOOD, some)
-        for trial in _GOOD_ON
-    }
+    own: dict[str, Study] = {}
+    good: dict[str, Study] = {}
+    for trial, (scenario, *changes) in _TRIALS.items():
+        own[trial] = study(scenario, _SEEDS, changes, every)
+        if trial in _GOOD_ON:
+            label = f"{trial}, receivers of 0.8 cm"
+            good[label] = study(scenario, _SEEDS, (*changes, *_GOOD), some)
     return own | good
 
 
