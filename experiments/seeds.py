@@ -15,11 +15,11 @@ FITTING: Final = range(1001, 1101)
 FIRST: Final = 201
 """First seed of reported runs."""
 
-TRIALS: Final = range(381, 401)
-"""Public seeds of the field trials, version 2; no design, limit or weight was chosen on them."""
+TRIALS: Final = range(3301, 3311)
+"""Public seeds of the benchmark, version 3; no design, limit or weight was chosen on them."""
 
-CHECKS: Final = range(401, 411)
-"""Seeds of a second set of runs of the field trials: whether it gives the same verdicts."""
+CHECKS: Final = range(3311, 3321)
+"""Seeds of a second set of runs of the benchmark: whether it gives the same verdicts."""
 
 TUNED_FIELDS: Final = {
     "filter": (

@@ -1,6 +1,7 @@
 """Command line `ttempc`: choice of the command, errors, exit codes."""
 
 import argparse
+import io
 import os
 import re
 import signal
@@ -63,6 +64,8 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     settle_numerics()
+    if arguments is None:
+        _print_what_the_terminal_can()
     parsed = argparse.Namespace(own_process=arguments is None)
     arguments = sys.argv[1:] if arguments is None else arguments
     previous = _catch_termination()
@@ -90,6 +93,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         announce_compilation()
         if previous is not None:
             signal.signal(signal.SIGTERM, previous)
+
+
+def _print_what_the_terminal_can() -> None:
+    """Let letters that the encoding of an output lacks be printed as question marks."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def _refuse(reason: str) -> int:

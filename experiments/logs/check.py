@@ -17,13 +17,24 @@ from ...testbed.log.reader import RECOVERED_KEY, Content, record_of
 from ...testbed.log.scene import MODEL_FILE, attachment, ground_of, model_of, motion_of
 from ...testbed.log.writer import begin_log, refuse_existing_log
 from ...testbed.recording import channels as ch
+from ...testbed.recording.record import IMPORTED_KEY, Record
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..errors import ExperimentError
-from ..scenario.scenario import ScenarioFile
+from ..run.run_log import (
+    BEGINS,
+    ENDS,
+    PARTS_KEY,
+    RUN_KEY,
+    first_line,
+    parts_of,
+    versions_of,
+)
+from ..scenario.scenario import ScenarioFile, identity
 
 _SCENARIO = "scenario.toml"
 _VEHICLE = "vehicle.toml"
 _ATTACHMENTS: Final = (_SCENARIO, _VEHICLE, MODEL_FILE, GROUND_FILE)
+_NEEDED: Final = ("scenario", "controller", "seed", "started", "ttempc", RUN_KEY, PARTS_KEY)
 _MOST_APART_S: Final = 2.0  # a few control periods; assumed
 _TOGETHER: Final = (  # topics whose messages are written at the same times
     (ch.STATE.topic, ch.REFERENCE.topic, ch.TYRES.topic, ch.TRANSFORMS_TOPIC),
@@ -68,6 +79,9 @@ def check_log(content: Content) -> list[LogCheck]:
     return [
         LogCheck("whole", not content.salvage, state_of(content)),
         LogCheck("attachments", not files, f"missing: {', '.join(files) or 'none'}"),
+        _as_declared(content),
+        _of_one_run(content),
+        _begins_and_ends(content, record),
         _readable(content),
         _together(times),
         LogCheck("topics", not topics, f"nothing on: {', '.join(topics) or 'none'}"),
@@ -101,6 +115,54 @@ def _readable(content: Content) -> LogCheck:
     except (ExperimentError, TestbedError, TtempcError) as error:
         return LogCheck("content", False, str(error))
     return LogCheck("content", True, "attachments and poses as this program writes them")
+
+
+def _as_declared(content: Content) -> LogCheck:
+    """Check that the metadata are those of a run, and the attachments those that they list."""
+    metadata = content.metadata
+    if IMPORTED_KEY in metadata:
+        return LogCheck("parts", True, "imported: the record of another program")
+    missing = [key for key in _NEEDED if not metadata.get(key)]
+    if missing:
+        return LogCheck("parts", False, f"metadata without {', '.join(missing)}")
+    listed = {*metadata[PARTS_KEY].split(", ")}
+    found = {*parts_of(content.attachments).split(", ")}
+    others = sorted({part.partition(" ")[0] for part in listed ^ found})
+    return LogCheck("parts", not others, f"not as the run left them: {', '.join(others) or 'none'}")
+
+
+def _of_one_run(content: Content) -> LogCheck:
+    """Check that scenario, seed and versions are those from which the run has its identity."""
+    metadata = content.metadata
+    if IMPORTED_KEY in metadata or RUN_KEY not in metadata:
+        return LogCheck("run", IMPORTED_KEY in metadata, "no identity of a run")
+    scenario = content.attachments.get(_SCENARIO, b"").decode(errors="replace")
+    run = identity(scenario, metadata.get("seed", ""), versions_of(metadata))
+    known = run == metadata[RUN_KEY]
+    return LogCheck("run", known, f"scenario, seed and versions give {run}: {metadata[RUN_KEY]}")
+
+
+def _begins_and_ends(content: Content, record: Record) -> LogCheck:
+    """Check the lines with which the events of a run begin and end, and the time of the end.
+
+    An imported log has neither; a recovered one may have no end.
+    """
+    metadata = content.metadata
+    if IMPORTED_KEY in metadata:
+        return LogCheck("lines", True, "imported: no lines of begin and end")
+    begins = [event.text for event in record.events if event.text.startswith(BEGINS)]
+    ends = [event.time_s for event in record.events if event.text.startswith(ENDS)]
+    if not {"scenario", "controller", "seed", "ttempc"} <= metadata.keys():
+        return LogCheck("lines", False, "no metadata to compare them with")
+    if begins != [first_line(metadata).text]:
+        return LogCheck("lines", False, "begins as another run, twice or not at all")
+    if RECOVERED_KEY in metadata and not ends:
+        return LogCheck("lines", True, "recovered: no line of the end")
+    state_s = record[ch.STATE].time_s
+    last_s = float(state_s[-1]) if len(state_s) else 0.0
+    whole = len(ends) == 1 and abs(ends[0] - last_s) <= _MOST_APART_S
+    said = f"at {ends[0]:.1f} s" if ends else "not at all"
+    return LogCheck("lines", whole, f"ends {said}, last state at {last_s:.1f} s")
 
 
 def _together(times: Mapping[str, list[int]]) -> LogCheck:

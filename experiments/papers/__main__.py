@@ -3,6 +3,7 @@
     python -m proving_ground.experiments.papers                  names, pages, seeds
     python -m proving_ground.experiments.papers delay ablation   these; finished runs are kept
     python -m proving_ground.experiments.papers all
+    python -m proving_ground.experiments.papers faults --seed 7  with other draws
     python -m proving_ground.experiments.papers --check          drive all regression checks again
 
 Works in a checkout only. Exit code 0 if all is made or holds, 1 if --check finds a table that does
@@ -33,6 +34,7 @@ def main(words: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add("names", nargs="*", metavar="NAME", choices=["all", *known, []], help="table, or all")
     add("--check", action="store_true", help="drive the regression checks, make no table")
+    add("--seed", type=int, metavar="N", help="of tables whose drives are drawn")
     add("--workers", type=int, metavar="N", help="processes (default: one per core; 0: this one)")
     add("-o", "--out", type=Path, default=ROOT, metavar="DIR", help="write pages there")
     add("--rows", type=Path, default=Path("runs") / "papers", metavar="DIR", help="kept rows")
@@ -41,6 +43,8 @@ def main(words: Sequence[str] | None = None) -> int:
     paged = [table for table in known.values() if table.name in pages]
     names = dict.fromkeys(arguments.names)
     chosen = paged if "all" in names else [known[name] for name in names]
+    if arguments.seed is not None:
+        chosen = [table.anew(arguments.seed) for table in chosen if table.anew]
     runner = Runner(arguments.rows, arguments.workers)
     try:
         if arguments.check:

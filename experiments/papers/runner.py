@@ -200,7 +200,8 @@ def write_tables(tables: Sequence[Table], runner: Runner, out: Path = ROOT) -> I
 
 def provenance(table: Table, making: Making) -> str:
     """Return the line below a table: its name, seeds, versions and the digest of its checks."""
-    parts = [f"`python -m proving_ground.experiments.papers {table.name}`"]
+    drawn = "" if table.seed is None else f" --seed {table.seed}"
+    parts = [f"`python -m proving_ground.experiments.papers {table.name}{drawn}`"]
     if seeds := table.all_seeds:
         parts.append(f"seed{'s' if len(seeds) > 1 else ''} {format_numbers(seeds)}")
     known = (f"{name} {making.versions[name]}" for name in _SHOWN if name in making.versions)

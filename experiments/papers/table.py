@@ -38,7 +38,7 @@ class Table:
     It is written into the page that has the markers of its name, see `pages`; without markers it is
     printed. The studies are those of the sweep engine. `text` formats the frame of all their rows,
     in which the column `study` has the name of each row's study. A table of anything else than runs
-    has `make`.
+    has `make`. A table whose drives are drawn has the seed, and `anew` returns that of another one.
     """
 
     name: str
@@ -49,6 +49,8 @@ class Table:
     make: Callable[[Any], str | Block] | None = None  # takes a `Runner`
     seeds: tuple[int, ...] = ()  # reported, where they are not those of all studies
     checks: tuple[tuple[str, ...], ...] = ()  # scenario, controller, overrides; sweeps have theirs
+    seed: int | None = None  # that draws the studies
+    anew: Callable[[int], Table] | None = None  # returns the table of another such seed
 
     @property
     def all_studies(self) -> dict[str, Study]:

@@ -1,6 +1,6 @@
 """Stretches of a run's reference: curves, passes, changes of curvature.
 
-A pass is a straight stretch of the tractor's reference of at least 20 m.
+A pass is a straight stretch of the tractor's reference of at least 15 m.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ttempc.types import FloatArray
 from ...testbed.recording.channels import REFERENCE
 from ...testbed.recording.record import Record
 
-LEAST_M: Final = 20.0
+LEAST_M: Final = 15.0
 """Length of a straight stretch from which it counts as a pass; assumed."""
 LEAD_M: Final = 5.0
 """End of a turn that is scored with the pass that follows: a tool is lowered there; assumed."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,12 +18,18 @@ from ...testbed.recording.provenance import machine, versions
 from ...testbed.recording.record import Event
 from ...testbed.simulation.loop import Outcome
 from ...testbed.vehicle.vehicle import vehicle_text
-from ..scenario.scenario import Scenario, dump
+from ..scenario.scenario import Scenario, dump, identity
 from .assembly import Assembly
 
 BEGINS: Final = "run begins: "
 ENDS: Final = "run ends: "
 """Beginnings of the two lines that a log has beside the events of the run's record."""
+
+RUN_KEY: Final = "run"
+"""Metadata: identity of the run, which follows from scenario, seed and versions."""
+
+PARTS_KEY: Final = "attachments"
+"""Metadata: names and digests of the attachments."""
 
 _OF_THE_RUN: Final = (
     "scenario",
@@ -32,6 +39,8 @@ _OF_THE_RUN: Final = (
     "machine",
     "mismatch",
     ORIGIN_KEY,
+    RUN_KEY,
+    PARTS_KEY,
 )
 
 
@@ -43,6 +52,7 @@ def describe(
     sources: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, str]:
     """Return the metadata of a run for log and record; `sources` are as of `user_sources`."""
+    code = {**versions(), **sources}
     return {
         "scenario": name,
         "controller": scenario.controller.name,
@@ -50,9 +60,9 @@ def describe(
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": "{processor}, {cores} cores, {system}".format(**machine()),
         "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
+        RUN_KEY: identity(dump(scenario), seed, code),
         **assembly.frame.metadata,
-        **versions(),
-        **sources,
+        **code,
     }
 
 
@@ -66,17 +76,21 @@ def open_log(
     file: Path, scenario: Scenario, assembly: Assembly, scenery: Scenery, metadata: dict[str, str]
 ) -> LogWriter:
     """Return the writer of a run's log, see `LogWriter`; enter it to write."""
-    return LogWriter(
-        file,
-        metadata=metadata,
-        attachments={
-            "scenario.toml": dump(scenario),
-            "vehicle.toml": vehicle_text(scenario.plant.vehicle.file),
-            "model.xml": assembly.plant.mjcf,
-            GROUND_FILE: assembly.plant.ground.to_npz(),
-        },
-        scenery=scenery,
-    )
+    texts = {
+        "scenario.toml": dump(scenario),
+        "vehicle.toml": vehicle_text(scenario.plant.vehicle.file),
+        "model.xml": assembly.plant.mjcf,
+    }
+    attachments = {name: text.encode() for name, text in texts.items()}
+    attachments[GROUND_FILE] = assembly.plant.ground.to_npz()
+    metadata = {**metadata, PARTS_KEY: parts_of(attachments)}
+    return LogWriter(file, metadata=metadata, attachments=attachments, scenery=scenery)
+
+
+def parts_of(attachments: Mapping[str, bytes]) -> str:
+    """Return the names of attachments with their digests, as in the metadata."""
+    digests = {name: hashlib.sha256(data).hexdigest()[:16] for name, data in attachments.items()}
+    return ", ".join(f"{name} {digest}" for name, digest in sorted(digests.items()))
 
 
 def first_line(metadata: Mapping[str, str]) -> Event:

@@ -202,7 +202,7 @@ def dump(scenario: Scenario) -> str:
     return tomli_w.dumps(without_none(asdict(scenario)))
 
 
-def identity(scenario_toml: str, seed: int, code: dict[str, str]) -> str:
+def identity(scenario_toml: str, seed: int | str, code: dict[str, str]) -> str:
     """Return the identifier of a run, from the dumped scenario, the seed and the versions."""
     return run_id(f"{scenario_toml}\nseed = {seed}\n", code)
 

@@ -3,7 +3,7 @@
 import gymnasium
 import proving_ground.gym
 
-environment = gymnasium.make("proving_ground/FieldTrial-v2", scenario="grass")
+environment = gymnasium.make("proving_ground/FieldTrial-v3", scenario="grass")
 """
 
 from .experiments.interfaces.gym_env import ENVIRONMENT_ID

@@ -2,7 +2,6 @@
 
 import numpy as np
 from proving_ground.experiments.studies.trials import definition
-from proving_ground.experiments.studies.trials.definition import weights
 from proving_ground.experiments.studies.trials.score_card import (
     CARD,
     PUBLIC,
@@ -14,7 +13,8 @@ from proving_ground.experiments.studies.trials.score_card import (
 
 
 def scored():
-    return [name for name in definition.trial_files() if weights().get(name, 1.0)]
+    """Return the trials that count in the score."""
+    return [name for name in definition.trial_files() if definition.is_scored(name)]
 
 
 def card_of(errors, name="one", **changes):
@@ -23,7 +23,7 @@ def card_of(errors, name="one", **changes):
         trial: tuple(
             TrialRun(status="lost", failure="roll-over")
             if np.isnan(error)
-            else TrialRun(status="completed", trailer_p95_m=float(error))
+            else TrialRun(status="completed", working_p95_m=float(error))
             for error in own
         )
         for trial, own in zip(scored(), errors, strict=False)

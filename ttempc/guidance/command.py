@@ -64,8 +64,8 @@ def write_command(
     """Write the command of a tick into its record: the one place that limits a command.
 
     An amplitude or a rate beyond a limit is cut to the nearest allowed one, from the command that
-    was sent. An entry that is not finite keeps its value of the tick before, 0 at the first tick.
-    To stop, the hydrostat ramps to 0 at its rate.
+    was sent. An entry that is not finite keeps its value of the tick before, 0 at the first tick;
+    how long that lasts is counted. To stop, the hydrostat ramps to 0 at its rate.
 
     Args:
         is_packaged: whether the record has the actions of a controller of the package, without
@@ -84,9 +84,11 @@ def write_command(
         _shift(commands)
 
     changed = False
+    answered = True
     for i in range(len(g.sent)):
         control = t.control[i]
         wanted = _compose(ask, i, g, t)
+        answered &= math.isfinite(wanted)
         desired = _align(ask, i, wanted, g, control, reference, commands)
         clipped = _clip(ask, i, desired, g, reference.limits)
         control[ControlColumn.LOWER] = reference.limits[LimitRow.LOWER, i]
@@ -102,6 +104,8 @@ def write_command(
         control[ControlColumn.COMMAND] = clipped.command
     g.overridden = 1.0 if changed or t.mode != DRIVE else 0.0
     g.rates_hold = 1.0
+    if ask.steers:
+        g.unanswered_s = 0.0 if answered else g.unanswered_s + reference.period_s
     if t.reason != 0.0 or t.law != 0.0:
         t.fallback = 1.0
 

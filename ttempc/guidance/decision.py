@@ -15,6 +15,7 @@ from .safety import (
     GUARD,
     HOLD,
     LOST,
+    NO_COMMAND,
     NO_ESTIMATE,
     NOT_FINITE,
     ON_PATH,
@@ -346,6 +347,8 @@ def _choose_mode(
     if g.lost != 0.0:  # in reverse a trailer would fold while the vehicle rolls out
         t.mode = ON_PATH if gear < 0.0 else STOP
         t.reason = g.lost
+    elif g.unanswered_s > safety.blind_s:  # for good: the controller is not asked any more
+        t.reason = NO_COMMAND
     elif reaction == _STOP:
         t.reason = ALARM_HELD
     elif outage_s > safety.gnss_outage_stop_s:

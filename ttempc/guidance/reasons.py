@@ -22,6 +22,7 @@ from .safety import (
     HOLD,
     LAG_M,
     LOST,
+    NO_COMMAND,
     NO_ESTIMATE,
     NOT_FINITE,
     POSITION_LOST,
@@ -91,6 +92,8 @@ def _reason_words(t: np.void, guard: np.void, facts: Facts) -> str:
         what = "no new estimate" if reason == NO_ESTIMATE else "estimate not finite"
         held = ": command held" if mode == HOLD else f" for more than {safety.blind_s:g} s"
         return what + held
+    if reason == NO_COMMAND:
+        return f"no finite command of the controller for more than {safety.blind_s:g} s"
     if LOST <= reason < ALARM_HELD:
         return _lost_words(reason, guard, safety)
     if reason == ALARM_HELD:

@@ -25,6 +25,7 @@ ALARM_HELD: Final = 9
 POSITION_LOST: Final = 10  # GNSS outage: no sample was accepted for too long
 UNCERTAIN: Final = 11
 CORRIDOR: Final = 12
+NO_COMMAND: Final = 13
 
 # How a body is lost, added to `LOST` and three times its number:
 FAR: Final = 0
@@ -58,7 +59,7 @@ class SafetyLimits:
 
     gnss_outage_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
     gnss_outage_stop_s: float = 12.0
-    blind_s: float = 1.0  # without a finite estimate: hold the command so long, then stop
+    blind_s: float = 1.0  # without a finite estimate or command: hold the last so long, then stop
     uncertain_slow_m: float = 0.25  # standard deviation of the tractor point
     uncertain_stop_m: float = 0.50
     cross_m: float = 2.0  # cross-track error of either point
@@ -79,6 +80,7 @@ SAFETY: Final = np.dtype([(item.name, "f8") for item in fields(SafetyLimits)])
 GUARD: Final = np.dtype(
     [
         ("sent", "f8", 3),  # command of the tick before
+        ("unanswered_s", "f8"),  # time in which the controller gave no finite command [s]
         ("rates_hold", "f8"),  # 0: a user's first command is free of the rate limits
         ("finite_s", "f8"),  # time of the last finite estimate, NaN: none
         ("gnss_s", "f8"),  # time of the last accepted GNSS sample, NaN: none

@@ -191,6 +191,7 @@ class Supervisor:
         guard["alarm_s"] = -math.inf
         guard["restarts"] = 0.0
         guard["lost"] = 0.0
+        guard["unanswered_s"] = 0.0
         guard["body_error"] = math.nan
 
     def memory(self) -> SupervisorMemory:

@@ -4,7 +4,7 @@ from typing import Final
 
 import gymnasium
 
-ENVIRONMENT_ID: Final = "proving_ground/FieldTrial-v2"
+ENVIRONMENT_ID: Final = "proving_ground/FieldTrial-v3"
 
 gymnasium.register(
     ENVIRONMENT_ID,

@@ -270,6 +270,11 @@ class AgOpenGpsProtocol(WireProtocol):
         self._armed |= status == 0
         return self._armed and status == 1
 
+    def lapse(self) -> None:
+        """Forget that a peer was ready and whether its button was seen off."""
+        super().lapse()
+        self._armed = False
+
     @property
     def _switches(self) -> int:
         return _SWITCHES_OPEN[self._dialect or Dialect.AGOPENGPS]

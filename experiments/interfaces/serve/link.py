@@ -123,6 +123,10 @@ class WireProtocol:
         """Return what is sent at a control tick."""
         raise NotImplementedError
 
+    def lapse(self) -> None:
+        """Forget that a peer was ready: another one may say so."""
+        self.ready = False
+
     def end(self, status: str) -> Sequence[bytes]:
         """Return what is sent when the run has ended."""
         return ()
@@ -144,6 +148,7 @@ class Link:
 
     def __init__(self, address: Address, peer: Address | None = None) -> None:
         self.peer = peer
+        self.is_chosen = peer is not None  # by the user: nobody else ever is the peer
         self.audience: list[Address] = []  # who is answered while nobody owns the session
         self.counts: Counter[Trouble] = Counter()
         self.sent = 0

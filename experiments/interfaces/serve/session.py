@@ -46,6 +46,7 @@ from .link import (
 _WAIT_SHARE: Final = 0.8  # of a period, for the command; the rest is the plant's; assumed
 _MOST_DATAGRAMS: Final = 1000  # that are read after their time: a flood does not hold the plant
 _MOST_LISTENERS: Final = 8  # before one of them drives; assumed
+_OWNED_S: Final = 3.0  # of silence on the clock after which another peer may drive; assumed
 _ECHO_S: Final = 0.1  # in which a repeated command is no request to repeat the samples; assumed
 # A peer that follows a line of its own may be anywhere: limits of supervisor and termination.
 _FREE: Final = SafetyLimits(cross_m=math.inf, distance_m=math.inf, yaw=math.inf, jump_m=math.inf)
@@ -194,6 +195,7 @@ class Session:
         self._samples: tuple[bytes, ...] = ()  # sent last, and when on the monotonic clock [s]
         self._sent_s = 0.0
         self._ended = False
+        self._heard_s = 0.0  # when the peer was last heard, on the monotonic clock [s]
 
     def assemble(
         self, scenario: Scenario, seed: int, factory: Callable[..., object] | None
@@ -265,6 +267,7 @@ class Session:
             until = min(end, now + self._period_s)
             self._listen(until, lambda: self._protocol.ready)
         self._running = True
+        self._heard_s = time.monotonic()
 
     def _listen(self, until: float, done: Callable[[], bool]) -> None:
         """Take in datagrams until a time of the monotonic clock [s], or until `done`."""
@@ -326,10 +329,30 @@ class Session:
         self._link.counts[Trouble.MISSING] += 1
         if self._settings.lockstep:
             raise StageFailed(f"no command for tick {tick.k} within {self._settings.wait_s:g} s")
+        self._let_others_drive(setup, tick)
+
+    def _let_others_drive(self, setup: SimulationSetup, tick: TickContext) -> None:
+        """End the ownership of a silent peer, unless the user has chosen it; the vehicle stands."""
+        link = self._link
+        if link.peer is None or link.is_chosen or time.monotonic() < self._heard_s + _OWNED_S:
+            return
+        text = f"peer {text_of(link.peer)} silent for {_OWNED_S:g} s: another one may drive"
+        setup.sink.event(Event(tick.now.time_s, "warning", text))
+        self._say(text)
+        link.audience = [link.peer]
+        link.peer = None
+        self._protocol.lapse()
 
     def _note(self, setup: SimulationSetup, tick: TickContext) -> None:
-        """Log the totals at the end."""
-        if tick.lost or tick.stopped or setup.guidance.reference_tick >= self._ticks:
+        """Log the totals at the end.
+
+        Raises:
+            StageFailed: the run would be complete, and no command came in time.
+        """
+        arrived = setup.guidance.reference_tick >= self._ticks
+        if tick.lost or tick.stopped or arrived:
+            if arrived and not self.used:
+                raise StageFailed(f"no command came in time; {self.totals()}")
             setup.sink.event(Event(tick.now.time_s, "info", self.totals()))
             self.end("lost" if tick.lost else "stopped" if tick.stopped else "completed")
 
@@ -348,6 +371,8 @@ class Session:
         elif self._link.peer is None:  # the latest: those who are silent lock nobody out
             others = [one for one in self._link.audience if one != address]
             self._link.audience = [*others, address][-_MOST_LISTENERS:]
+        if self._link.peer == address:
+            self._heard_s = time.monotonic()
         self._send(received.replies)
         self._resume |= received.resume and self._running
         if received.released or received.command is not None:

@@ -1,281 +1,221 @@
-"""Faults: what becomes of runs, and false alarms."""
+"""Faults drawn anew from a seed: how many are noticed before the vehicle is off its path."""
 
-import json
-import tomllib
+from __future__ import annotations
+
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from functools import partial
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from ttempc.detectors.interface import Alarm, Reaction
+from ttempc.types import FloatArray
 
 from ....testbed.recording.channels import REFERENCE, STATE
-from ....testbed.recording.record import REACTION, Record, Recorder
-from ...results.statistics import proportion, rate
-from ...results.summary import Summary
+from ....testbed.recording.record import Record
+from ...results.statistics import proportion
 from ...results.tracking_errors import BODIES
-from ...run.assembly import assemble
-from ...run.simulate import drive_into
-from ...scenario.scenario import shipped
-from ...seeds import report_seeds
+from ...scenario.scenario import Scenario
 from ...studies.sweep.row import Row
-from ...studies.sweep.study import Study, VariantAxis
-from ...studies.sweep.work import SweepJob, run_job
-from ...studies.trials.definition import trial, trial_files
-from ..markdown import Cell, grouped, groups, label, numbers
-from ..table import Table, listed, study, variants
+from ...studies.sweep.work import SweepJob
+from ..alarms import Begun, drive_and_list
+from ..fault_draws import CAUSES, CLASSES, FIELDS, WATCH_S, Label, studies
+from ..markdown import groups, markdown, numbers
+from ..table import Table
 
-START_S: Final = 25.0
-"""Start of a fault [s]: the tractor enters the first circle of the figure eight."""
+SEED: Final = 3001
+"""Seed of the published drives; `--seed` draws others."""
 
-CASES: Final[dict[str, dict[str, Any]]] = tomllib.loads(
-    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-)
-DRIVER: Final = "ttempc"
-RIVALS: Final = ("pid", "nmpc-rti")
-SEEDS: Final = report_seeds(8)
-RESOLUTIONS_DEG: Final = (0.0, 0.01, 0.1, 0.25)
-"""Resolutions of the angle sensors; the drives of their faults take turns."""
+OFF_M: Final = 0.5
+"""Distance off the path before which a fault is to be noticed [m]."""
 
-_OTHERS: Final = 6  # seeds of faults of no angle sensor
-_OF_RIVALS: Final = 4  # seeds of a rival, which drives no faults of sensors: detectors are the same
-_OF_SENSORS: Final = ("gnss", "antennas", "angle", "gyro", "encoder", "samples", "stamps")
-_RESULTS: Final = ("carried on", "degraded", "stopped", "lost")
 _STANDS: Final = 0.05  # [m/s]
-_OFF_M: Final = 0.5  # from the path, at which a run that was not stopped counts as fooled
+_TOGETHER_S: Final = 1.0  # in which alarms count as one; assumed
+_NEVER: Final = np.inf  # time of a reaction that did not come
 
 
-def changes(fault: str, start_s: float = START_S) -> tuple[str, ...]:
-    """Return the changes of a scenario for a fault of `CASES`, from `start_s` [s] on by default."""
-    table = {**CASES[fault], "start_s": CASES[fault].get("start_s", start_s)}
-    more = [table.pop("set")] if "set" in table else []
-    also = [{**table.pop("also"), "start_s": table["start_s"]}] if "also" in table else []
-    keys = (", ".join(f"{key}={value!r}" for key, value in one.items()) for one in (table, *also))
-    return (*more, f"faults=[{', '.join(f'{{{one}}}' for one in keys)}]")
+def distance_off(record: Record) -> tuple[FloatArray, FloatArray]:
+    """Return the times at which the vehicle moves and its distances off the path, (n,) each.
 
-
-def off_the_path(record: Record, start_s: float) -> float:
-    """Return the largest distance of both axle points from their paths while they move [m]."""
+    The distance is the larger one of both axle points. Units are s and m.
+    """
     state = record[STATE]
     reference = record[REFERENCE]
-    worst = 0.0
-    rows = (state.time_s >= start_s) & (np.abs(state["v_mps"]) > _STANDS)
+    moves = np.abs(state["v_mps"]) > _STANDS
+    off = np.zeros(np.count_nonzero(moves))
     for body in BODIES.values():
-        path, places = (
-            np.column_stack([table[f"x_{body}_m"], table[f"y_{body}_m"]])
-            for table in (reference, state)
-        )
-        if rows.any():
-            worst = max(worst, float(KDTree(path).query(places[rows])[0].max()))
-    return worst
+        path = reference.columns(f"x_{body}_m", f"y_{body}_m")
+        places = state.columns(f"x_{body}_m", f"y_{body}_m")[moves]
+        if len(places):
+            off = np.maximum(off, KDTree(path).query(places)[0])
+    return state.time_s[moves], off
 
 
-def outcome(job: SweepJob, summary: Summary, record: Record) -> dict[str, str | float]:
-    """Return what became of a run with a fault.
+def start_of(scenario: Scenario) -> float:
+    """Return the time at which the fault of a drive begins [s]."""
+    if scenario.faults:
+        return scenario.faults[0].start_s or 0.0
+    return float(scenario.controller.options["start_s"])  # type: ignore[arg-type]
 
-    Returns:
-        `result`, time from the start of the fault to the first reaction [s] (absent: none), and the
-        largest distance from the path from its start on [m], see `off_the_path`.
+
+def drive_fault(job: SweepJob) -> Row:
+    """Drive a run with a fault and return when and as what it was noticed, and how far off.
+
+    `off_at_notice_m` and `worst_m` are largest distances off the path from the start of the fault
+    to the first act, see `first_act`, and to the end.
     """
-    start_s = job.scenario.faults[0].start_s or 0.0
-    reactions = (item.time_s for item in record.events if item.text.startswith(REACTION))
-    first_s = next((time_s for time_s in reactions if time_s >= start_s - 2.0), None)
-    result: str = summary.status
-    if summary.status == "completed":
-        result = "carried on" if first_s is None else "degraded"
-    row: dict[str, str | float] = {"result": result, "worst_m": off_the_path(record, start_s)}
-    if first_s is not None:
-        row["noticed_s"] = max(0.0, first_s - start_s)
-    return row
+    label = Label.read(str(job.axes["drive"]))
+    table = CLASSES[label.of]
+    start_s = start_of(job.scenario)
+    ended, record, begun = drive_and_list(job, start_s + table.get("watch_s", WATCH_S))
+
+    first = first_act(begun, start_s)
+    noticed_s = first.time_s if first else _NEVER
+    time_s, off = distance_off(record)
+    since = time_s >= start_s
+    before = since & (time_s <= noticed_s)
+    row = job.row(ended.status, ended.failure, {"hours": ended.duration_s / 3600.0}, None)
+    return {
+        **row,
+        "noticed_s": noticed_s - start_s if first else None,
+        "cause": first.cause if first else "",
+        "named": is_named(begun, noticed_s, CAUSES[table["causes"]]),
+        "off_at_notice_m": float(off[before].max(initial=0.0)),
+        "worst_m": float(off[since].max(initial=0.0)),
+    }
 
 
-def _variants(kinds: Iterable[str]) -> VariantAxis:
-    return variants("fault", {fault: changes(fault) for fault in kinds})
+def first_act(begun: Sequence[Begun], start_s: float) -> Begun | None:
+    """Return what began first from a time on and changed the drive; mere reports do not count."""
+    return next((one for one in begun if one.acts and one.time_s >= start_s), None)
 
 
-def fault_studies() -> dict[str, Study]:
-    """Return the studies: `ttempc` with all faults, rivals with faults of no sensor.
+def is_named(begun: Sequence[Begun], noticed_s: float, causes: Sequence[str]) -> bool:
+    """Return whether an act within a second of the first names one of the causes."""
+    first = [
+        one.cause
+        for one in begun
+        if one.acts and noticed_s <= one.time_s <= noticed_s + _TOGETHER_S
+    ]
+    return any(part in cause for cause in first for part in causes)
 
-    The resolutions of the angle sensors take turns over the seeds of their faults.
-    """
-    kinds = {fault: table["kind"] for fault, table in CASES.items()}
-    angles = [fault for fault, kind in kinds.items() if kind.startswith("angle")]
-    sensors = [fault for fault, kind in kinds.items() if kind.startswith(_OF_SENSORS)]
-    sensors = [fault for fault in sensors if fault not in angles]
-    others = [fault for fault in CASES if fault not in (*angles, *sensors)]
 
-    studies = {}
-    for k, resolution in enumerate(RESOLUTIONS_DEG):
-        own = (f"sensors.angle_resolution_deg={resolution}",)
-        seeds = SEEDS[k :: len(RESOLUTIONS_DEG)]
-        studies[f"angles {resolution}"] = study("grass", seeds, own, _variants(angles))
-    studies["sensors"] = study("grass", SEEDS[:_OTHERS], (), _variants(sensors))
-    studies["others"] = study("grass", SEEDS[:_OTHERS], (), _variants(others))
-    rivals = listed("controller", *RIVALS)
-    studies["rivals"] = study("grass", SEEDS[:_OF_RIVALS], (), _variants(others), rivals)
-    return studies
+def _with_labels(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows with the parts of their labels, and what counts, as columns."""
+    labels = [Label.read(text) for text in runs["drive"]]
+    known = runs["noticed_s"].notna()
+    return runs.assign(
+        of=[label.of for label in labels],
+        sensors=[label.sensors for label in labels],
+        ground=[FIELDS[name]["ground"] for name in runs["scenario"]],
+        noticed=known,
+        early=known & (runs["off_at_notice_m"] <= OFF_M),
+        held=~known & (runs["worst_m"] <= OFF_M),
+        fooled=(runs["status"] != "stopped") & (runs["worst_m"] > OFF_M),
+    )
+
+
+def share(count: int, total: int) -> str:
+    """Return a share in per cent with its interval after Clopper and Pearson."""
+    if not total:
+        return "-"
+    found = proportion(count, total)
+    low, high = (100.0 * end for end in found.ends)
+    return f"{100.0 * found.value:.0f} % ({low:.0f} to {high:.0f})"
+
+
+_HEADS: Final = (
+    "class",
+    "drives",
+    f"noticed before {OFF_M} m off",
+    f"unnoticed, never {OFF_M} m off",
+    "cause right, of the noticed",
+    "noticed after [s]",
+    "off the path [m]",
+    f"not stopped, {OFF_M} m off",
+)
+
+
+def _line(name: str, own: pd.DataFrame) -> list[str]:
+    """Return the cells of a class."""
+    after_s = numbers(own[own["noticed"]], "noticed_s")
+    worst_m = numbers(own, "worst_m")
+    total = len(own)
+    return [
+        name,
+        str(total),
+        share(int(own["early"].sum()), total),
+        str(int(own["held"].sum())),
+        share(int(own[own["noticed"]]["named"].sum()), int(own["noticed"].sum())),
+        f"{np.median(after_s):.1f}, at most {after_s.max():.1f}" if len(after_s) else "-",
+        f"{np.median(worst_m):.2f}, at most {worst_m.max():.2f}",
+        str(int(own["fooled"].sum())),
+    ]
+
+
+GOALS: Final = {
+    "drift of 1 cm/s": 1.0,
+    "drift of 2 cm/s": 0.5,
+    "drift of 5 cm/s": 0.3,
+    "stairs": 0.5,
+}
+"""Distance off the path before which a common drift is to be noticed with GNSS velocity [m]."""
+
+_SENSOR_ROWS: Final = (
+    ("GNSS velocity, any field", ("velocity, IMU", "velocity"), ("flat", "slope", "tool")),
+    ("IMU, no velocity: flat", ("IMU",), ("flat",)),
+    ("IMU, no velocity: slopes, tool", ("IMU",), ("slope", "tool")),
+    ("neither: flat", ("neither",), ("flat",)),
+    ("neither: slopes, tool", ("neither",), ("slope", "tool")),
+)
+
+
+def _goals(runs: pd.DataFrame) -> str:
+    """Return the table of common drifts by sensors."""
+    heads = ("sensors", *(f"{name}, before {off:g} m" for name, off in GOALS.items()))
+    lines = []
+    for label, sensors, grounds in _SENSOR_ROWS:
+        rows = runs[runs["sensors"].isin(sensors) & runs["ground"].isin(grounds)]
+        cells = [label]
+        for name, off_m in GOALS.items():
+            own = rows[rows["of"] == name]
+            early = own["noticed"] & (own["off_at_notice_m"] <= off_m)
+            cells.append(f"{share(int(early.sum()), len(own))} of {len(own)}")
+        lines.append(cells)
+    return markdown(heads, lines)
 
 
 def fault_tables(runs: pd.DataFrame) -> str:
-    """Return a table of outcomes for each controller, its faults in the order of the file."""
-    order = {fault: number for number, fault in enumerate(CASES)}
-    runs = runs.assign(order=runs["fault"].map(order)).sort_values("order", kind="stable")
-    runs = pd.concat([runs[runs["controller"] == name] for name in (DRIVER, *RIVALS)])
-    parts = []
-    for own in groups(runs, ["controller"]):
-        cells = {"fault": label("fault"), **{name: _share(name) for name in _RESULTS}}
-        cells["noticed after [s]"] = _spread("noticed_s", 1)
-        cells["off the path [m]"] = _spread("worst_m", 2)
-        fooled = own[(own["result"] != "stopped") & (own["worst_m"] > _OFF_M)]
-        names = ", ".join(f"{name}: {n}" for name, n in Counter(fooled["fault"]).items()) or "none"
-        parts += [
-            f"`{own['controller'].iloc[0]}`, {len(own)} drives:",
-            grouped(own, ["fault"], cells),
-            f"Completed or lost, and more than {_OFF_M} m off the path: {names}.",
+    """Return the shares by class, and those of common drifts by sensors."""
+    runs = _with_labels(runs)
+    order = {name: number for number, name in enumerate(CLASSES)}
+    runs = runs.assign(order=runs["of"].map(order)).sort_values("order", kind="stable")
+    lines = [_line(str(own["of"].iloc[0]), own) for own in groups(runs, ["of"])]
+    lines.append(_line("all", runs))
+    wrong = runs[runs["noticed"] & ~runs["named"].astype(bool)]
+    named = Counter(zip(wrong["of"], wrong["cause"], strict=True))
+    said = "; ".join(f"{of} as *{cause}*: {count}" for (of, cause), count in named.items())
+    return "\n\n".join(
+        [
+            markdown(_HEADS, lines),
+            f"Noticed under the name of another cause: {said or 'none'}.",
+            _goals(runs),
         ]
-    return "\n\n".join(parts)
-
-
-def _share(result: str) -> Cell:
-    def cell(runs: pd.DataFrame) -> str:
-        share = proportion(list(runs["result"]).count(result), len(runs))
-        low, high = share.ends
-        return f"{share.count} ({100 * low:.0f}..{100 * high:.0f} %)" if share.count else "-"
-
-    return cell
-
-
-def _spread(column: str, digits: int) -> Cell:
-    def cell(runs: pd.DataFrame) -> str:
-        known = runs[column].dropna()
-        form = f"{{:.{digits}f}}, at most {{:.{digits}f}}"
-        return form.format(known.median(), known.max()) if len(known) else "-"
-
-    return cell
-
-
-_DRIVES: Final = 13  # of each field, for the false alarms: more than 20 h
-_SLIPS: Final = 0.2  # true slip with which an alarm of spinning wheels is none; two thirds of the
-# allowance of `wheels` at 1 m/s
-_SPAN_S: Final = 2.0  # before an alarm: a second of the residual, and the sum
-
-
-def fields() -> dict[str, str]:
-    """Return the shipped scenarios and the field trials without a fault, by their labels."""
-    trials = {f"trial {name}": str(file) for name, file in trial_files().items()}
-    return {
-        **{name: name for name in shipped()},
-        **{label: file for label, file in trials.items() if not trial(label[6:]).faults},
-    }
-
-
-def alarms(job: SweepJob) -> Row:
-    """Drive a run and return the hours driven, and the alarms that began, by kind and detector.
-
-    `reported`: the vehicle went on; `acted`: it slowed down, stopped or did without a sensor;
-    `slipping`: an alarm of slip while the wheels truly slipped; `checked`: a stop to look at GNSS.
-    """
-    assembly = assemble(job.scenario, job.seed)
-    recorder = Recorder()
-    guidance = assembly.guidance
-    period_s = guidance.period_s
-    begun: list[tuple[float, Alarm]] = []
-    standing: set[str] = set()
-
-    def observe(k: int) -> None:
-        nonlocal standing
-        begun.extend((k * period_s, one) for one in guidance.alarms if one.detector not in standing)
-        standing = {one.detector for one in guidance.alarms}
-
-    ended = drive_into(recorder, assembly, on_tick=observe, prepared=False)
-    record = recorder.record()
-    counts = {name: Counter[str]() for name in _KINDS}
-    for time_s, alarm in begun:
-        counts[_kind(alarm, time_s, record)][alarm.detector] += 1
-    counts["acted"].update(
-        one.detector for one in guidance.alarms if "GNSS drifts by" in one.reason
     )
-    texts = {kind: json.dumps(of_kind) for kind, of_kind in counts.items()}
-    row = job.row(ended.status, ended.failure, {"hours": ended.duration_s / 3600.0}, None)
-    return {**row, **texts}
 
 
-def _kind(alarm: Alarm, time_s: float, record: Record) -> str:
-    """Return the kind of an alarm that began at a time, one of `_KINDS`."""
-    if alarm.detector in ("wheels", "motion"):
-        state = record[STATE]
-        span = (state.time_s > time_s - _SPAN_S) & (state.time_s <= time_s)
-        if 1.0 - state["v_mps"][span].mean() / state["v_rim_mps"][span].mean() > _SLIPS:
-            return "slipping"
-    if alarm.detector == "drift":
-        return "checked"
-    acted = alarm.reaction is not Reaction.WARN or bool(alarm.unused)
-    return "acted" if acted else "reported"
-
-
-_KINDS: Final = {
-    "reported": "reported only",
-    "acted": "acted on",
-    "slipping": "acted on, true slip",
-    "checked": "stops for a check",
-}
-
-
-def alarm_studies(seeds: Sequence[int]) -> dict[str, Study]:
-    """Return the drives of each field; no two share a seed, so that all of them are independent."""
-    drives = len(seeds) // len(fields())
-    return {
-        label: study(scenario, seeds[n * drives : (n + 1) * drives])
-        for n, (label, scenario) in enumerate(fields().items())
-    }
-
-
-def alarm_table(runs: pd.DataFrame) -> str:
-    """Return the alarms of every field, and the rates of false ones in ten hours."""
-    cells = {"field": label("study"), "hours": lambda own: f"{own['hours'].sum():.2f}"}
-    for kind, head in _KINDS.items():
-        cells[head] = lambda own, kind=kind: (
-            ", ".join(f"{name}: {n}" for name, n in sorted(_total(own[kind]).items())) or "-"
-        )
-    lines = [grouped(runs, ["study"], cells)]
-    hours = float(numbers(runs, "hours").sum())
-    counts = {head: _total(runs[kind]).total() for kind, head in [*_KINDS.items()][:2]}
-    for what, count in {**counts, "of both kinds": sum(counts.values())}.items():
-        found = rate(count, hours / 10.0)
-        low, high = found.ends
-        lines.append(
-            f"False alarms {what}: {count} in {hours:.1f} h, "
-            f"{found.value:.2f} ({low:.2f} to {high:.2f}) in ten hours."
-        )
-    return "\n\n".join(lines)
-
-
-def _total(texts: Iterable[str]) -> Counter[str]:
-    """Return the sum of the counts by detector of several rows."""
-    return sum((Counter(json.loads(text)) for text in texts), Counter[str]())
-
-
-_STUCK: Final = changes("front steering stuck", 5.0)  # within the time of a regression check
-_ALARM_SEEDS: Final = report_seeds(_DRIVES * len(fields()))
-
-TABLES: Final = (
-    Table(
+def drawn_table(seed: int) -> Table:
+    """Return the table of the drives that a seed draws."""
+    return Table(
         name="faults",
-        studies=fault_studies(),
-        work=partial(run_job, measure=outcome),
+        studies=studies(seed),
+        work=drive_fault,
         text=fault_tables,
-        checks=tuple(("grass", name, *own) for name in (DRIVER, *RIVALS) for own in ((), _STUCK)),
-    ),
-    Table(
-        name="false-alarms",
-        studies=alarm_studies(_ALARM_SEEDS),
-        work=alarms,
-        text=alarm_table,
-        checks=tuple((name, "ttempc") for name in shipped()),
-    ),
-)
+        checks=tuple((field, "ttempc") for field in FIELDS),
+        seed=seed,
+        anew=drawn_table,
+    )
+
+
+TABLES: Final = (drawn_table(SEED),)

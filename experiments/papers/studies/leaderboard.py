@@ -1,11 +1,8 @@
 """Leaderboard of the benchmark: entries driven here, and score cards of others.
 
-An entry's cost is the 95th percentile of the absolute cross-track error of the working point, the
-tool where there is one, else the trailer's axle point; losses count, see `trials.score_card`.
-
-How much the benchmark can tell is measured on six serious entries: the pairs that a trial
-separates, the share of each trial in the variance of the log ratio of two entries, and whether a
-second set of seeds gives the same verdicts.
+An entry's score is the geometric mean over trials of its error over the oracle's, see
+`trials.score_card`. How much the benchmark can tell is measured on six serious entries: the pairs
+that a trial separates, and whether a second set of seeds gives the same verdicts.
 """
 
 import itertools
@@ -23,7 +20,6 @@ from ...pictures.sweep_report.format import format_numbers
 from ...results.statistics import resampled_means
 from ...seeds import CHECKS
 from ...studies.trials.bench import Entrant, bench
-from ...studies.trials.definition import trial_files, weights
 from ...studies.trials.score_card import (
     LOSS_M,
     MARGIN,
@@ -35,6 +31,7 @@ from ...studies.trials.score_card import (
     overall,
     public_draws,
     read_score_card,
+    scored_runs,
 )
 from ..markdown import markdown
 from ..runner import Runner
@@ -53,6 +50,8 @@ SHIPPED: Final = (
     ("ttempc", "controller.compensate=false"),
     ("ttempc-nominal",),
     ("nmpc-rti",),
+    ("romea-predictive",),
+    ("romea-backstepping",),
     ("lqr",),
     ("pid",),
     ("romea-backstepping",),
@@ -73,23 +72,20 @@ SERIOUS: Final = ("ttempc", "ttempc-nominal", "nmpc-rti", "lqr", "pid", "geometr
 
 _SEPARATED: Final = 3.0  # |t| of a paired difference of costs
 
-FAULTS: Final = "faults"
-"""Trial without a weight in the score: what comes home of its runs is a column of its own."""
-
-HEADLINE: Final = ("ttempc", "pid", "lqr", "nmpc-rti")
+HEADLINE: Final = ("ttempc", "pid", "lqr", "romea-predictive", "nmpc-rti")
 _ABOUT: Final = {
-    "corridor": "crop rows of +-6 cm on a soft slope",
-    "faults": "one of ten faults a run",
-    "headland": "loops at the stops, wet slope",
-    "line-entry": "entry from 2 m beside a pass, side slope",
-    "reverse": "a lap in reverse, gentle side slope",
-    "rough-grass": "rough grass",
-    "ruts": "two laps in one's own ruts",
-    "slow-valve": "steering of 8 deg/s",
-    "tool": "cultivator on a side slope: the tool",
-    "wet-slope": "wet slope",
-    "wood": "wet slope at the edge of a wood",
-    "worn-valves": "worn valves",
+    "corridor": "crop rows on a soft slope, 1 m/s",
+    "fast-eight": "wide figure eight, 15 km/h",
+    "fast-slope": "passes on a side slope, 15 km/h",
+    "fast-tool": "passes with a cultivator, 15 km/h: the tool",
+    "headland": "passes between loops near the stops, wet slope, 1 m/s",
+    "reverse": "a lap in reverse, gentle side slope, 1 m/s",
+    "rough-grass": "rough grass, 1 m/s",
+    "wet-slope": "wet slope, 1 m/s",
+    "work-eight": "wide figure eight, 10 km/h",
+    "work-plain": "plain trailer, 10 km/h",
+    "work-tool": "passes with a cultivator, 10 km/h: the tool",
+    "work-valves": "worn valves, 10 km/h",
 }
 
 
@@ -99,7 +95,7 @@ def make(runner: Runner) -> str:
     made = []
     for name, *changes in (*SHIPPED, *OTHERS):
         entrant = Entrant.of(name, changes)
-        made.append(_driven(runner, entrant, PUBLIC))
+        made.append(driven(runner, entrant, PUBLIC))
         write_file(folder / f"{entrant.stem}.json", made[-1].to_json().encode())
 
     cards = [read_score_card(file) for file in sorted(folder.glob("*.json"))]
@@ -112,7 +108,8 @@ def make(runner: Runner) -> str:
     return "\n\n".join(parts)
 
 
-def _driven(runner: Runner, entrant: Entrant, seeds: tuple[int, ...]) -> ScoreCard:
+def driven(runner: Runner, entrant: Entrant, seeds: tuple[int, ...]) -> ScoreCard:
+    """Return the card of an entry under some seeds; its runs are kept, by the code."""
     draws = public_draws(seeds)
     folder = runner.folder / code_digest() / f"bench-{draws.sha256[:8]}-{entrant.stem}"
     with runner.engine() as workers:
@@ -120,7 +117,7 @@ def _driven(runner: Runner, entrant: Entrant, seeds: tuple[int, ...]) -> ScoreCa
 
 
 def _serious(runner: Runner, seeds: tuple[int, ...]) -> list[ScoreCard]:
-    return [_driven(runner, Entrant.of(name, ()), seeds) for name in SERIOUS]
+    return [driven(runner, Entrant.of(name, ()), seeds) for name in SERIOUS]
 
 
 def make_power(runner: Runner) -> Block:
@@ -128,15 +125,9 @@ def make_power(runner: Runner) -> Block:
     sets = {seeds: _serious(runner, seeds) for seeds in (PUBLIC, tuple(CHECKS))}
     first, second = sets.values()
     numbers = pair_numbers(first)
-    shares = variance_shares(first)
     lines = [
-        (
-            name,
-            f"{(np.abs(row) > _SEPARATED).sum()} of {len(row)}",
-            f"{weights()[name]:.2f}",
-            f"{100.0 * share:.0f}",
-        )
-        for name, row, share in zip(first[0].trials, numbers.T, shares.max(axis=0), strict=True)
+        (name, f"{(np.abs(row) > _SEPARATED).sum()} of {len(row)}")
+        for name, row in zip(scored_runs(first[0].trials), numbers.T, strict=True)
     ]
     pairs = [*itertools.combinations(range(len(SERIOUS)), 2)]
     verdicts = []
@@ -149,13 +140,8 @@ def make_power(runner: Runner) -> Block:
     differing = [{*pair[3:]} for pair in verdicts if pair[3] != pair[4]]
     against = sum("undecided" not in said for said in differing)
     same = f"{len(pairs) - len(differing)} of {len(pairs)} are the same, {against} contradict"
-    columns = (
-        "trial",
-        f"pairs with t above {_SEPARATED:g}",
-        "weight",
-        "largest variance share [%]",
-    )
-    text = f"Ratio of the overall costs, and what it says of the first; of the verdicts {same}:"
+    columns = ("trial", f"pairs with t above {_SEPARATED:g}")
+    text = f"Ratio of the scores, and what it says of the first; of the verdicts {same}:"
     return Block(
         "\n\n".join((markdown(columns, lines), text, markdown(("pair", *heads, *heads), verdicts)))
     )
@@ -168,19 +154,10 @@ def _gaps(tables: Sequence[FloatArray]) -> FloatArray:
 
 def pair_numbers(cards: Sequence[ScoreCard]) -> FloatArray:
     """Return Student's t of the paired difference of costs, (pairs, trials); 0 of equal costs."""
-    gaps = _gaps([costs(card.trials) for card in cards])
+    gaps = _gaps([costs(scored_runs(card.trials)) for card in cards])
     spread = gaps.std(axis=1, ddof=1) / np.sqrt(gaps.shape[1])
     equal = np.where(gaps.mean(axis=1) == 0.0, 0.0, np.inf)
     return np.divide(gaps.mean(axis=1), spread, out=equal, where=spread > 0.0)
-
-
-def variance_shares(cards: Sequence[ScoreCard]) -> FloatArray:
-    """Return shares of trials in the variance of the log ratio of two entries, (pairs, trials)."""
-    weight = np.array([weights()[name] for name in cards[0].trials])
-    found = [costs(card.trials) for card in cards]
-    logs = _gaps([cost / cost.mean(axis=0) for cost in found])  # linearised at the means
-    parts = weight**2 * logs.var(axis=1, ddof=1)
-    return parts / parts.sum(axis=1, keepdims=True)
 
 
 def entry(card: ScoreCard) -> str:
@@ -190,26 +167,34 @@ def entry(card: ScoreCard) -> str:
 
 def headline(shown: Sequence[ScoreCard]) -> Block:
     """Return the short table of README from the cards of `HEADLINE`, and who is ahead where."""
+    first = shown[0]
     lines = [
         (
             f"`{name}`: {about}",
-            *(f"{100.0 * card.score.trials[name].cost_m.value:.1f}" for card in shown),
+            *(pair(card, name) for card in shown),
+            f"{100.0 * (first.score.trials[name].oracle_m or np.nan):.2f}",
         )
         for name, about in _ABOUT.items()
     ]
-    overall = (f"{100.0 * card.score.cost_m.value:.2f}" for card in shown)
-    heads = ("cross-track p95 of the working point [cm]", *(f"`{name}`" for name in HEADLINE))
-    first = shown[0]
+    times = (f"{card.score.times_oracle.value:.2f}" for card in shown)
+    heads = (
+        "cross-track p95 of working point / tractor [cm]",
+        *(f"`{name}`" for name in HEADLINE),
+        "oracle",
+    )
     footer = (
         f"<sub>Cards of the simulated benchmark `{first.identifier}`: mean over "
         f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
-        f"not complete counts {LOSS_M:g} m, trials are weighted; level: within {MARGIN:.0%} or not "
-        "told apart; `ttempc bench NAME`; "
+        f"not complete counts {LOSS_M:g} m; oracle: a drive that knew all beforehand, no proven "
+        f"optimum; level: within {MARGIN:.0%} or not told apart; `ttempc bench NAME`; "
         "[all entries and intervals](docs/results.md#benchmark)</sub>"
     )
+    home = (_percent(card.score.home) for card in shown)
+    runs = len(_ABOUT) * first.draws.count
     lines += [
-        ("all, weighted geometric mean", *overall),
-        (f"not completed, of {first.score.runs}", *(f"{c.score.not_completed}" for c in shown)),
+        ("times the oracle's error, geometric mean", *times, "1"),
+        (f"not completed, of {runs}", *(f"{c.score.not_completed}" for c in shown), "–"),
+        ("with one of ten faults: come home [%]", *home, "–"),
     ]
     said = "\n".join(_beside(first, card) for card in shown[1:])
     return Block(f"{markdown(heads, lines)}\n\n{said}", footer=footer)
@@ -229,68 +214,94 @@ def _beside(first: ScoreCard, other: ScoreCard) -> str:
     return f"- `{entry(other)}`: cost {ratio} times that of `{entry(first)}`; {parts}."
 
 
+def pair(card: ScoreCard, name: str) -> str:
+    """Return the errors of working point and tractor in a trial as text [cm]."""
+    item = card.score.trials[name]
+    return f"{100.0 * item.cost_m.value:.1f} / {_centimetres(item.tractor_p95_m)}"
+
+
+def _centimetres(length_m: float | None) -> str:
+    return "–" if length_m is None else f"{100.0 * length_m:.1f}"
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100.0 * share:.0f}"
+
+
 def leaderboard(cards: Sequence[ScoreCard]) -> str:
-    """Return the cards of one identifier as Markdown tables, the least cost first."""
+    """Return the cards of one identifier as Markdown tables, the lowest score first."""
     first = cards[0]
-    ordered = sorted(cards, key=lambda card: card.score.cost_m.value)
-    names = [*trial_files()]
-    holds = rank_shares(ordered)
+    ordered = sorted(cards, key=lambda card: card.score.times_oracle.value)
+    names = [*scored_runs(first.trials)]
     lines = []
     by_trial = []
-    for card, held in zip(ordered, holds, strict=True):
+    peaks = []
+    for card, held in zip(ordered, rank_shares(ordered), strict=True):
         item = card.score
-        outside = [t.outside for t in item.trials.values() if t.outside is not None]
-        faults = item.trials.get(FAULTS)
+        label = f"`{entry(card)}`"
         step = item.step_p99_us
         lines.append(
             (
-                f"`{entry(card)}`",
-                item.cost_m.text(),
-                f"{100.0 * held:.0f}",
-                f"{item.not_completed} of {item.runs}",
-                f"{card.draws.count - faults.not_completed}" if faults else "–",
-                f"{100.0 * max(outside):.1f}" if outside else "–",
+                label,
+                item.times_oracle.text(1.0),
+                _percent(held),
+                f"{item.not_completed} of {len(names) * card.draws.count}",
+                _percent(item.home),
                 "–" if step is None else f"{1e-3 * step:.2f}",
             )
         )
-        costs = (f"{100 * item.trials[name].cost_m.value:.1f}" for name in names)
-        by_trial.append((f"`{entry(card)}`", *costs))
-    keys = ("processor", "cores", "system")
-    machines = {", ".join(f"{k} {card.machine.get(k, '?')}" for k in keys): None for card in cards}
-    loads = sorted(float(card.machine.get("load") or "nan") for card in cards)
+        by_trial.append((label, *(pair(card, name) for name in names)))
+        peaks.append((label, *(_centimetres(item.trials[name].peak_m) for name in names)))
+    oracle = (_hundredths(first.score.trials[name].oracle_m) for name in names)
+    by_trial.append(("oracle", *oracle))
     heads = (
         "entry",
-        "cost [cm]",
+        "times the oracle's error",
         "has this rank [%]",
         "not completed",
-        "faults survived",
-        "outside rows [%]",
+        "faults: come home [%]",
         "step p99 [ms]",
     )
     count = f"{first.draws.count} seed{'s' if first.draws.count > 1 else ''}"
     return "\n\n".join(
         (
             f"Benchmark `{first.identifier}`, {count}.",
-            "Cost: p95 of the cross-track error of the working point, losses counted.",
             markdown(heads, lines),
-            "Mean cost by scenario [cm]:",
+            "Cross-track p95 of working point / tractor by trial, mean over seeds [cm]; of the "
+            f"working point a run that does not complete counts {100.0 * LOSS_M:g} cm:",
             markdown(("entry", *names), by_trial),
-            f"Steps were timed on: {'; '.join(machines)}; load {loads[0]:g} to {loads[-1]:g}. A "
-            "load above the number of cores makes them longer.",
+            "Peak at the working point where the curvature changes, mean [cm]:",
+            markdown(("entry", *names), peaks),
+            _timed_on(cards),
         )
+    )
+
+
+def _hundredths(length_m: float | None) -> str:
+    return "–" if length_m is None else f"{100.0 * length_m:.2f}"
+
+
+def _timed_on(cards: Sequence[ScoreCard]) -> str:
+    """Return on which machines, and under what load, the steps were timed."""
+    keys = ("processor", "cores", "system")
+    machines = {", ".join(f"{k} {card.machine.get(k, '?')}" for k in keys): None for card in cards}
+    loads = sorted(float(card.machine.get("load") or "nan") for card in cards)
+    return (
+        f"Steps were timed on: {'; '.join(machines)}; load {loads[0]:g} to {loads[-1]:g}. A "
+        "load above the number of cores makes them longer."
     )
 
 
 def rank_shares(ordered: Sequence[ScoreCard]) -> FloatArray:
     """Return in which share of resamples of the seeds each entry has the rank it has here, (n,)."""
-    tables = [costs(card.trials) for card in ordered]
+    tables = [costs(scored_runs(card.trials)) for card in ordered]
     if len(tables[0]) < 2:
         return np.full(len(ordered), np.nan)
     trials = tables[0].shape[1]
     means = resampled_means(np.hstack(tables))
     found = np.array(
         [
-            overall(means[:, k * trials : (k + 1) * trials], card.trials)
+            overall(means[:, k * trials : (k + 1) * trials], scored_runs(card.trials))
             for k, card in enumerate(ordered)
         ]
     )
@@ -314,7 +325,7 @@ TABLES: Final = (
     Table(
         name="headline",
         make=lambda runner: headline(
-            [_driven(runner, Entrant.of(name, ()), PUBLIC) for name in HEADLINE]
+            [driven(runner, Entrant.of(name, ()), PUBLIC) for name in HEADLINE]
         ),
     ),
 )

@@ -30,6 +30,7 @@ from ....testbed.recording.channels import (
     Channel,
 )
 from ....testbed.recording.record import Record
+from ....testbed.terminal import one_line
 from ....testbed.truth import WHEELS
 from ...errors import InvalidFilm
 from ...results.tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
@@ -39,6 +40,7 @@ _CHANNELS: Final = (STATE, REFERENCE, CONTROL, TYRES)  # needed; `TOOL` is read 
 _PREDICTED_PATHS: Final = (PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC)
 _POSITIONS: Final = tuple(field for body in BODIES for field in position_fields(body))
 _SAME_TIME_S: Final = 1e-9  # times closer than this are the same
+_MOST_LETTERS: Final = 80  # of a name in a picture
 _BEHIND_RJ1: Final = ("drawbar", "trailer")  # beginnings of the names of bodies that it turns
 
 Poses = tuple[FloatArray, FloatArray]
@@ -75,13 +77,16 @@ class Playback:
     @property
     def title(self) -> str:
         """Scenario, controller and seed."""
-        run = self.record.metadata
-        return f"{run['scenario']} · {run['controller']} · seed {run['seed']}"
+        return f"{self._said('scenario')} · {self._said('controller')} · seed {self._said('seed')}"
 
     @property
     def label(self) -> str:
         """Controller and seed."""
-        return "{controller}, seed {seed}".format(**self.record.metadata)
+        return f"{self._said('controller')}, seed {self._said('seed')}"
+
+    def _said(self, key: str) -> str:
+        """Return what a log says of its run, as much of it as a picture has room for."""
+        return one_line(self.record.metadata[key])[:_MOST_LETTERS]
 
     @cached_property
     def errors(self) -> TrackingErrors:

@@ -4,6 +4,7 @@
 plan.
 """
 
+import asyncio
 import contextlib
 import importlib.util
 import logging
@@ -23,6 +24,7 @@ from ...errors import SweepRefused, SweepStopped
 from ...numerics import ONE_THREAD
 
 _CONNECT_S: Final = 5.0
+_NO_DASK_S: Final = 8.0  # in which an address answers as a scheduler; what is none may stay silent
 _FIRST_WORKER_S: Final = 10.0
 # Of a worker. With the last entry glibc returns freed memory to the system.
 _ENVIRONMENT: Final = {**ONE_THREAD, "MALLOC_TRIM_THRESHOLD_": "65536"}
@@ -199,12 +201,13 @@ def _cluster(address: str) -> Iterator[Engine]:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # the driver reports what matters
     try:
         get_address_host_port(address, strict=True)
-        client: Any = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except ValueError as error:
         raise SweepRefused(f"scheduler {address!r}: is no address: {error}") from None
-    except OSError as error:
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise SweepRefused(f"scheduler {address}: cannot be reached: {reason}") from None
+    _find_scheduler(address)
+    try:
+        client: Any = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except OSError as error:  # it has just gone
+        raise SweepRefused(f"scheduler {address}: cannot be reached: {error}") from None
     with client:
         _check(client)
 
@@ -215,6 +218,35 @@ def _cluster(address: str) -> Iterator[Engine]:
                 raise SweepStopped("the scheduler is gone") from None
 
         yield Engine(client.get_executor(pure=False), width, KilledWorker)
+
+
+def _find_scheduler(address: str) -> None:
+    """Ask for the identity of what answers at an address, within a time.
+
+    A `Client` of an address that is no scheduler waits for ever, and so does its end.
+
+    Raises:
+        SweepRefused: nothing answers, or something that is no scheduler.
+    """
+    from distributed.comm.core import connect
+
+    async def ask() -> None:
+        comm = await connect(address, timeout=_CONNECT_S)
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            await comm.read()
+        finally:
+            comm.abort()
+
+    try:
+        asyncio.run(asyncio.wait_for(ask(), _NO_DASK_S))
+        return
+    except TimeoutError as error:
+        reason = str(error) or f"no scheduler answers within {_NO_DASK_S:g} s"
+    except Exception as error:  # of the address's transport: anything
+        reason = f"{error}" or type(error).__name__
+    reason = reason.partition("\n")[0]
+    raise SweepRefused(f"scheduler {address}: cannot be reached: {reason}")
 
 
 def _check(client: Any) -> None:  # noqa: ANN401 - Dask has no types

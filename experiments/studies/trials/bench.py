@@ -16,6 +16,7 @@ from ...run.assembly import assemble
 from ...run.user_code import named_factory, user_sources
 from ...scenario.controller import TRUTH
 from ...scenario.scenario import parse_overrides, read_scenario
+from ..oracle.drives import Part
 from ..sweep.engine import Engine, imap_bounded
 from ..sweep.folder import lock_folder
 from ..sweep.plan import SweepPlan
@@ -23,13 +24,19 @@ from ..sweep.results import rows
 from ..sweep.row import Row
 from ..sweep.study import ListAxis, Study
 from ..sweep.sweep import Progress, sweep
-from .definition import VERSION, differing, frozen_checks, identifier, plant_check, trial_files
+from .definition import (
+    VERSION,
+    differing,
+    frozen_checks,
+    identifier,
+    plant_check,
+    scored_part,
+    trial,
+    trial_files,
+)
 from .score_card import CARD, Draws, ScoreCard, TrialRun, entry_label, score
 
 _COLUMNS: Final = {  # key of a run: column of a row
-    "trailer_p95_m": "tracking.all.trailer.cross_p95_m",
-    "tool_p95_m": "tracking.all.tool.cross_p95_m",
-    "trailer_max_m": "tracking.all.trailer.max_m",
     "front_rad_per_m": "inputs.delta_t.travel_per_m",
     "trailer_rad_per_m": "inputs.delta_i.travel_per_m",
     "hydrostat_per_m": "inputs.hp.travel_per_m",
@@ -163,15 +170,21 @@ def runs_of(
         error = plan.refusals.get((point, 0))
         # Without study and axes: the path of the scenario is of this machine.
         refused = error and TrialRun(status="refused", failure=str(error).split(": ", 2)[-1])
-        runs[name] = tuple(refused or _trial_run(by_run[name, seed]) for seed in draws.seeds)
+        part = scored_part(trial(name))
+        runs[name] = tuple(refused or _trial_run(by_run[name, seed], part) for seed in draws.seeds)
     return runs
 
 
-def _trial_run(row: Row) -> TrialRun:
+def _trial_run(row: Row, part: Part) -> TrialRun:
     outside = [share for share in map(row.get, _OUTSIDE) if isinstance(share, int | float)]
+    tool = row.get(f"tracking.{part}.tool.cross_p95_m") is not None
+    working = "tool" if tool else "trailer"
     return TrialRun(
         status=row["status"],  # pyright: ignore[reportArgumentType] - validated
         failure=str(row["failure"]),
+        working_p95_m=_rounded(row[f"tracking.{part}.{working}.cross_p95_m"]),
+        tractor_p95_m=_rounded(row[f"tracking.{part}.tractor.cross_p95_m"]),
+        peak_m=_rounded(row[f"peaks.{working}_m"]),
         outside=_rounded(max(outside, default=None)),
         **{key: _rounded(row[column]) for key, column in _COLUMNS.items()},
     )

@@ -21,9 +21,11 @@ from ....testbed.recording.record import Recorder
 from ....testbed.simulation import loop
 from ....testbed.simulation.setup import TickContext
 from ...run.assembly import assemble
+from ...scenario.path import Headland
 from ...scenario.scenario import Scenario, read_scenario
+from ..oracle.drives import Part
 
-VERSION: Final = "v2"
+VERSION: Final = "v3"
 """Version of the benchmark; other scenarios, seeds or scores are another version."""
 
 # Simulated time of a check: forward it covers a straight, half a circle and the first faults; in
@@ -55,22 +57,46 @@ def frozen_checks() -> dict[str, tuple[float, ...]]:
     return {name: tuple(values) for name, values in content.items()}
 
 
-@functools.cache
-def weights() -> dict[str, float]:
-    """Return the frozen weights of the trials; of another trial 1.
+def is_scored(name: str) -> bool:
+    """Return whether a trial counts in the score; of the others counts what comes home."""
+    return not trial(name).faults
 
-    They even out the largest share that each trial has in the variance of the log ratio of two of
-    six serious entries; they were fitted to runs of seeds 8801 to 8820, of `line-entry` and
-    `reverse`, where checks for a drift are rare and costly, to 8840. Trials without weight
-    guard: what counts is what comes home.
+
+def scored_part(scenario: Scenario) -> Part:
+    """Return the part of a run that is scored.
+
+    On a headland these are the passes and the last 5 m of the turns before them: inside a turn the
+    tool is up, and the errors of tractor and trailer are a trade of one against the other.
     """
-    return json_table(read_bounded(folder() / "weights.json"))
+    return "passes" if isinstance(scenario.path, Headland) else "all"
+
+
+@functools.cache
+def oracle_errors() -> dict[str, dict[str, float]]:
+    """Return the oracle's p95 of the working point [m] by trial and public seed.
+
+    They are made by the study `oracle` of `experiments.papers`. A trial without an entry has no
+    score.
+    """
+    return json_table(read_bounded(folder() / "oracle.json"))
+
+
+def oracle_error(name: str) -> float | None:
+    """Return the oracle's mean error over the seeds of a trial [m], None where there is none.
+
+    It is one number for all seeds, hidden ones included: it gives a score its unit, and the ratio
+    of two scores does not depend on it.
+    """
+    by_seed = oracle_errors().get(name)
+    if not by_seed:
+        return None
+    return math.fsum(by_seed.values()) / len(by_seed)
 
 
 def identifier_of(
     contents: Mapping[str, Mapping[str, Any]], checks: Mapping[str, tuple[float, ...]]
 ) -> str:
-    """Return version and hash of weights, tables of scenario files, results of their checks.
+    """Return version and hash of scenario files, results of their checks, and oracle errors.
 
     Descriptions do not count. Defaults, vehicle and plant count by the results of the checks: a new
     key that is off by default changes neither, nor does one that keeps a default of the version.
@@ -79,7 +105,7 @@ def identifier_of(
         name: {key: value for key, value in content.items() if key not in _NOT_COUNTED}
         for name, content in contents.items()
     }
-    text = json.dumps([trials, {**checks}, weights()], sort_keys=True)
+    text = json.dumps([trials, {**checks}, oracle_errors()], sort_keys=True)
     return f"{VERSION}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
@@ -161,5 +187,5 @@ def differing(
 
 
 def folder() -> Path:
-    """Return the folder of the scenarios, frozen checks and weights."""
+    """Return the folder of the scenarios, frozen checks and oracle errors."""
     return resource("proving_ground.experiments.studies.trials", VERSION)

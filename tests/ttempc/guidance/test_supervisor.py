@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -275,6 +276,25 @@ def test_an_entry_that_is_not_finite_keeps_its_value_and_is_reported(junk):
     expected = "the controller's delta_t not finite, hp not finite: cut"
     assert step.diagnostics.fallback == expected
     assert guarded(ControlStep(Command(junk, 0.1, junk), EMPTY)).command == Command(0.0, 0.1, 0.0)
+
+
+def test_a_controller_without_a_finite_command_for_a_second_stops_the_vehicle_until_resumed():
+    controller = Returning(Command(0.2, 0.1, 0.6))
+    supervisor = Supervised(controller, REFERENCE, PERIOD_S)
+    drive(supervisor, 10, on_reference)
+    controller.answer = Command(0.2, 0.1, math.nan)
+    steps = [supervisor.step(on_reference(k), k, k * PERIOD_S) for k in range(10, 40)]
+    said = [step.diagnostics.fallback for step in steps]
+    held = round(1.0 / PERIOD_S)
+    assert {*said[:held]} == {"the controller's hp not finite: cut"}
+    assert {*said[held + 1 :]} == {"no finite command of the controller for more than 1 s: stopped"}
+
+    controller.answer = Command(0.2, 0.1, 0.6)
+    last = supervisor.step(on_reference(40), 40, 40 * PERIOD_S)
+    assert last.diagnostics.stopping
+    assert last.command.hp == 0.0
+    supervisor.resume()
+    assert not supervisor.step(on_reference(41), 41, 41 * PERIOD_S).diagnostics.stopping
 
 
 def test_an_unusable_step_fails_with_a_reason_and_its_cause():

@@ -25,7 +25,7 @@ from proving_ground.testbed.recording.channels import CONTROL, STATE, TRACKING
 
 from tests.testbed.truths import state_row
 
-ENVIRONMENT = "proving_ground.gym:proving_ground/FieldTrial-v2"
+ENVIRONMENT = "proving_ground.gym:proving_ground/FieldTrial-v3"
 STRAIGHT = ("path={kind='straight', length_m=6}",)
 COMMANDS = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 SEED = 7

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 import pytest
 from proving_ground.experiments.errors import ServeError
+from proving_ground.experiments.interfaces.serve import session as session_module
 from proving_ground.experiments.interfaces.serve.agopengps import AgOpenGpsProtocol, Dialect
 from proving_ground.experiments.interfaces.serve.json_protocol import JsonProtocol
 from proving_ground.experiments.interfaces.serve.link import Link, Trouble
@@ -375,3 +376,47 @@ def test_the_vehicle_stops_within_a_fifth_of_a_second_of_silence():
     (stop_s, *_) = [one.time_s for one in record.events if "no command over UDP" in one.text]
     silent_s = 0.05 * (60 - STANDS)
     assert silent_s - 0.2 <= stop_s <= silent_s + 0.2
+
+
+def one_frame(payload):
+    """Return what sends one datagram beside the peer and is silent from then on."""
+
+    @contextlib.contextmanager
+    def squatter(address):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.sendto(payload, address)
+            yield
+
+    return squatter
+
+
+def test_one_frame_and_silence_do_not_keep_the_session_from_the_one_who_drives(monkeypatch):
+    monkeypatch.setattr(session_module, "_OWNED_S", 0.3)
+    guidance = AgOpenWeb(lambda answer: 0x09 if answer < STANDS else 0x1D)
+    record, outcome, counts, session = drive(
+        guidance,
+        AgOpenGpsProtocol(),
+        first=(web_frame(0x00),),
+        beside=one_frame(web_frame(0x1D)),
+        settings=SessionSettings(speed=2.0, wait_s=PATIENCE_S),
+        rates=AgOpenGpsProtocol.defaults,
+    )
+    assert outcome.status == "completed"
+    assert session.used > 60  # of 6 s at 20 Hz
+    assert counts[Trouble.STRANGER] > 0  # the one who drives, before
+    assert any("another one may drive" in event.text for event in record.events)
+
+
+def test_a_session_without_a_command_in_time_is_not_complete():
+    _, outcome, _, session = drive(
+        lambda datagram: [],
+        AgOpenGpsProtocol(),
+        length_m=1.0,
+        first=(web_frame(0x00),),
+        beside=one_frame(web_frame(0x1D)),
+        settings=SessionSettings(speed=4.0, wait_s=PATIENCE_S),
+        rates=AgOpenGpsProtocol.defaults,
+    )
+    assert session.used == 0
+    assert outcome.status != "completed"
+    assert "no command" in outcome.failure

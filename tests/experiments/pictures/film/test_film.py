@@ -4,6 +4,7 @@ import ctypes.util
 import math
 import shutil
 import sys
+from dataclasses import replace
 
 import av
 import numpy as np
@@ -45,6 +46,14 @@ def test_poses_are_those_of_the_log_and_go_straight_in_between(playback):
     np.testing.assert_allclose(middle, motion.xyz[20:22].mean(axis=0), atol=1e-9)
     halves = [abs(np.sum(turned * motion.quat[k], axis=1)) for k in (20, 21)]
     np.testing.assert_allclose(*halves, atol=1e-12)
+
+
+def test_names_of_a_strangers_log_fit_into_a_picture(playback):
+    metadata = {**playback.record.metadata, "controller": 10**6 * "x", "scenario": "a\nb"}
+    strange = replace(playback, record=replace(playback.record, metadata=metadata))
+    assert len(strange.title) < 300
+    assert len(strange.label) < 200
+    assert "\n" not in strange.title
 
 
 def projected(place, eye, target, size):

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import socket
+import time
 
 import pytest
 from proving_ground.experiments.commands.cli import main
@@ -102,6 +104,18 @@ def test_no_scheduler_is_one_line(address, installed, named, tmp_path, monkeypat
     assert named in printed
     assert len(printed.splitlines()) == 1
     assert [item.name for item in tmp_path.iterdir()] == ["tiny.toml"]
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "tls"])
+def test_what_listens_and_is_no_scheduler_is_refused_within_a_time(scheme, monkeypatch):
+    monkeypatch.setattr(engine_module, "_NO_DASK_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"{scheme}://127.0.0.1:{silent.getsockname()[1]}"
+        begun = time.monotonic()
+        with pytest.raises(SweepRefused, match=address) as refused, engine(address=address):
+            pass
+        assert time.monotonic() < begun + 10.0
+        assert "\n" not in str(refused.value)
 
 
 def test_no_more_tasks_are_submitted_than_the_width_allows():
