@@ -52,6 +52,7 @@ class SensedDrive:
     def run(self, ticks: int) -> SensedDrive:
         """Drive for `ticks` control periods."""
         self._generator = np.random.default_rng(self.seed)
+        bumps = np.random.default_rng([self.seed, 1]).standard_normal(ticks)
         controller = make_controller("paper-subtracted", VEHICLE, REFERENCE, PERIOD_S)
         augmented, command = np.zeros(SIZE), None
         augmented[:STATES] = REFERENCE.at(0.0).state
@@ -63,12 +64,22 @@ class SensedDrive:
             estimate = self.estimator.update(k * PERIOD_S, measurements, command)
             state = augmented[:STATES].copy()
             state[State.V] *= 1.0 - slips(augmented).wheel
+            state[State.V] *= 1.0 + self._slip_on_bumps() * bumps[k]
             self.states.append(state)
             self.estimates.append(estimate)
             self.received.append((measurements, command))
             command = controller.step(estimate, k).command
             augmented, measurements = self._advance(augmented, command, k)
         return self
+
+    def _slip_on_bumps(self) -> float:
+        """Return the standard deviation of the wheel slip on bumps.
+
+        It has a correlation length. Where it is white in the model, as in the steps of this plant,
+        its variance in a metre is that of the slip times twice this length.
+        """
+        noise = self.process_noise
+        return noise.slip_forward * float(np.sqrt(0.5 * noise.roughness / noise.bump_m))
 
     def errors(self) -> FloatArray:
         """Return true less estimated states, (N, 7)."""

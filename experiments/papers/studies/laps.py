@@ -149,6 +149,8 @@ def errata_table(runs: pd.DataFrame) -> str:
 
 
 _LAP: Final = ("path.laps=1",)
+_FRESH: Final = (3001, 3002)
+"""Seeds of the filter's consistency: the first reported ones were looked at while it was built."""
 
 TABLES: Final = (
     Table(
@@ -175,7 +177,7 @@ TABLES: Final = (
     Table(
         name="consistency",
         studies={
-            "consistency": study("grass", report_seeds(2), (), listed("scenario", *shipped())),
+            "consistency": study("grass", _FRESH, (), listed("scenario", *shipped())),
         },
         work=consistent,
         text=consistency_table,
