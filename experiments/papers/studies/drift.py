@@ -39,7 +39,11 @@ _FIELDS: Final = (
 )
 _SENSORS: Final = {
     "velocity, IMU": ('sensors.gnss_velocity="doppler"', "sensors.imu.on=true"),
-    "neither": ('sensors.gnss_velocity="none"', "sensors.imu.on=false"),
+    "neither": (
+        'sensors.gnss_velocity="none"',
+        "sensors.imu.on=false",
+        'sensors.gnss_antenna="point"',  # the field's antennas need an IMU
+    ),
 }
 _PER_HOUR: Final = 0.2  # false alarms
 _EULER: Final = 0.5772156649  # mean of the standard Gumbel distribution
