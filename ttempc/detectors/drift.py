@@ -29,10 +29,13 @@ DRIFT: Final = np.dtype(
 )
 """Memory of the detector."""
 
-# Limits of the scaled ratio in each bin of windows, by hand: about one false alarm in two hours by
-# a Gumbel fit to the largest values of 58 drives without a fault, tuning seeds 1 to 3
-_LIMITS_WITH_SLOPE: Final = (24.0, 19.0, 15.0, 15.0, 15.0)
-_LIMITS_WITHOUT_SLOPE: Final = (20.0, 24.0, 24.0, 23.0, 20.0)
+LIMITS_WITH_SLOPE: Final = (17.4, 13.5, 10.7, 9.1, 8.9)
+"""Limits of the scaled ratio by the bins of `ground.BIN_ENDS_S`, where an IMU measures the slope.
+
+They are for 0.2 false alarms an hour over all fields, by
+`python -m proving_ground.experiments.papers drift-limits`."""
+LIMITS_WITHOUT_SLOPE: Final = (12.0, 16.5, 19.0, 19.5, 21.0)
+"""The same without an IMU, by the same command."""
 _CONFIRMED: Final = 1.5  # times the limits where velocities of GNSS confirm the positions; assumed
 
 _RESTLESS_S: Final = 60.0  # of the mean ratio of the shortest windows
@@ -70,9 +73,11 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
 
         C = sum(G' S^-1 G) + 1 / w_0^2,   d = sum(G' S^-1 u),   J = d' C^-1 d / misfit.
 
-    The largest J of each bin of window lengths is summed over the receivers and divided by how
-    restless the ground is: the mean of the shortest bin over a minute, which a slow drift hardly
-    moves. The statistic is the largest ratio of that to the limit of its bin.
+    J is divided by R^1.5, R how restless the ground was when the onset was assumed: the mean over a
+    minute of the largest J of the shortest windows, which bumps and slips move more than a slow
+    drift. Taken before the onset, it has nothing of a drift that began with it. The largest scaled
+    J of each bin of window lengths is summed over the receivers. The statistic is the largest ratio
+    of that to the limit of its bin.
 
     Roll and pitch of the IMUs are what side slip and wheel slip on a slope follow, by two
     coefficients that are learnt. Without IMUs slopes look like drifts: limits are higher.
@@ -215,7 +220,7 @@ def _judge(memory: Record, board: Record, span_s: float, factor: float) -> None:
     age_s = 0.0
     for n in range(BINS):
         memory.scaled[n] = tractor.scaled[n] + trailer.scaled[n]
-        limit = _LIMITS_WITH_SLOPE[n] if memory.knows_slope > 0.0 else _LIMITS_WITHOUT_SLOPE[n]
+        limit = LIMITS_WITH_SLOPE[n] if memory.knows_slope > 0.0 else LIMITS_WITHOUT_SLOPE[n]
         if memory.scaled[n] / (factor * limit) > largest:
             largest = memory.scaled[n] / (factor * limit)
             drift_mps = tractor.drifts_mps[n]

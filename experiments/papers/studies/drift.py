@@ -26,7 +26,6 @@ _FIELDS: Final = (
     "pavement",
     "farm",
     "grass-field",
-    "headland",
     "wet-grass",
     "wet-slope",
     "side-slope",
