@@ -19,23 +19,25 @@ DRIFT: Final = np.dtype(
         ("time_s", "f8"),  # of the tick before, NaN: none yet
         ("yaws", "f8", 2),  # of the bodies at that tick [rad]
         ("between", "f8", 2),  # from tractor point to trailer point at that tick [m]
-        ("slopes", "f8", (2, 2)),  # of the bodies: mean roll and pitch [rad]
+        ("slopes", "f8", (2, 2)),  # of the bodies: roll and pitch [rad]
         ("knows_slope", "f8"),  # whether an IMU has measured them
         ("restless", "f8"),  # mean ratio of the shortest windows
         ("restless_s", "f8"),  # over how long it is taken
-        ("scaled", "f8", BINS),  # ratios of the bins over it
+        ("scaled", "f8", BINS),  # ratios of the bins over it, sums of both receivers
         ("way", "f8", 1 + 2 * WAYS),  # workspace
     ]
 )
 """Memory of the detector."""
 
-# Limits of the scaled ratio in each bin of windows, by hand: about one false alarm in two hours by
-# a Gumbel fit to the largest values of 58 drives without a fault, tuning seeds 1 to 3
-_LIMITS_WITH_SLOPE: Final = (24.0, 19.0, 15.0, 15.0, 15.0)
-_LIMITS_WITHOUT_SLOPE: Final = (20.0, 24.0, 24.0, 23.0, 20.0)
+LIMITS_WITH_SLOPE: Final = (17.4, 13.5, 10.7, 9.1, 8.9)
+"""Limits of the scaled ratio by the bins of `ground.BIN_ENDS_S`, where an IMU measures the slope.
+
+They are for 0.2 false alarms an hour over all fields, by
+`python -m proving_ground.experiments.papers drift-limits`."""
+LIMITS_WITHOUT_SLOPE: Final = (12.0, 16.5, 19.0, 19.5, 21.0)
+"""The same without an IMU, by the same command."""
 _CONFIRMED: Final = 1.5  # times the limits where velocities of GNSS confirm the positions; assumed
 
-_SLOPE_S: Final = 0.5  # of the mean roll and pitch
 _RESTLESS_S: Final = 60.0  # of the mean ratio of the shortest windows
 _FIRST_RESTLESS_S: Final = 15.0  # weight of what is assumed of it at first
 _FIRST_RESTLESS: Final = 2.5
@@ -71,9 +73,11 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
 
         C = sum(G' S^-1 G) + 1 / w_0^2,   d = sum(G' S^-1 u),   J = d' C^-1 d / misfit.
 
-    The largest J of each bin of window lengths is summed over the receivers and divided by how
-    restless the ground is: the mean of the shortest bin over a minute, which a slow drift hardly
-    moves. The statistic is the largest ratio of that to the limit of its bin.
+    J is divided by R^1.5, R how restless the ground was when the onset was assumed: the mean over a
+    minute of the largest J of the shortest windows, which bumps and slips move more than a slow
+    drift. Taken before the onset, it has nothing of a drift that began with it. The largest scaled
+    J of each bin of window lengths is summed over the receivers. The statistic is the largest ratio
+    of that to the limit of its bin.
 
     Roll and pitch of the IMUs are what side slip and wheel slip on a slope follow, by two
     coefficients that are learnt. Without IMUs slopes look like drifts: limits are higher.
@@ -106,6 +110,7 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
                     sample[SampleColumn.FIRST],
                     sample[SampleColumn.SECOND],
                     memory.knows_slope > 0.0,
+                    memory.restless,
                     memory.way,
                 )
     if placed and span_s > 0.0:
@@ -122,19 +127,25 @@ def _is_usable(board: Record, sample: FloatArray) -> bool:
 
 @kernel
 def _take_slopes(memory: Record, rows: FloatArray) -> None:
-    """Take roll and pitch of the IMUs into their means."""
-    for row in range(len(rows)):
-        sample = rows[row]
-        roll = sample[SampleColumn.SECOND]
-        pitch = sample[SampleColumn.THIRD]
-        for body in range(2):
-            is_imu = sample[SampleColumn.SENSOR] == IMU_OF_BODY[body]
-            if is_imu and math.isfinite(roll + pitch):
-                share = 0.04 / _SLOPE_S if memory.knows_slope > 0.0 else 1.0
-                memory.slopes[body, 0] += share * (roll - memory.slopes[body, 0])
-                memory.slopes[body, 1] += share * (pitch - memory.slopes[body, 1])
-                if body == Body.TRAILER:
-                    memory.knows_slope = 1.0
+    """Take the mean roll and pitch that each IMU has measured in a tick.
+
+    Means over longer times would lag behind: the slopes of a field turn with the vehicle.
+    """
+    for body in range(2):
+        count = 0
+        roll = 0.0
+        pitch = 0.0
+        for row in range(len(rows)):
+            sample = rows[row]
+            total = sample[SampleColumn.SECOND] + sample[SampleColumn.THIRD]
+            if sample[SampleColumn.SENSOR] == IMU_OF_BODY[body] and math.isfinite(total):
+                count += 1
+                roll += sample[SampleColumn.SECOND]
+                pitch += sample[SampleColumn.THIRD]
+        if count:
+            memory.slopes[body, 0] = roll / count
+            memory.slopes[body, 1] = pitch / count
+            memory.knows_slope = 1.0
 
 
 @kernel
@@ -198,7 +209,7 @@ def _judge(memory: Record, board: Record, span_s: float, factor: float) -> None:
     """Write the statistic of both limits, and the drift; `factor` is that of the limits."""
     tractor = memory.receivers[Body.TRACTOR]
     trailer = memory.receivers[Body.TRAILER]
-    shortest = tractor.ratios[0] + trailer.ratios[0]
+    shortest = tractor.shortest + trailer.shortest
     if shortest > 0.0:
         memory.restless_s = min(memory.restless_s + span_s, _RESTLESS_S)
         share = span_s / memory.restless_s
@@ -208,9 +219,8 @@ def _judge(memory: Record, board: Record, span_s: float, factor: float) -> None:
     drift_mps = 0.0
     age_s = 0.0
     for n in range(BINS):
-        ratio = tractor.ratios[n] + trailer.ratios[n]
-        memory.scaled[n] = ratio / max(memory.restless, 1.0)
-        limit = _LIMITS_WITH_SLOPE[n] if memory.knows_slope > 0.0 else _LIMITS_WITHOUT_SLOPE[n]
+        memory.scaled[n] = tractor.scaled[n] + trailer.scaled[n]
+        limit = LIMITS_WITH_SLOPE[n] if memory.knows_slope > 0.0 else LIMITS_WITHOUT_SLOPE[n]
         if memory.scaled[n] / (factor * limit) > largest:
             largest = memory.scaled[n] / (factor * limit)
             drift_mps = tractor.drifts_mps[n]

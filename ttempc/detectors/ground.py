@@ -29,6 +29,9 @@ class Way(IntEnum):
     PITCH = 8  # wheel slip in proportion to the measured pitch
     TURN_SIDE = 9  # displacement to the side in proportion to the turn: a lever arm
     TURN_CLIMB = 10  # wheel slip in proportion to the yaw rate
+    CURVE_SIDE = 11  # side slip in proportion to the lateral acceleration
+    GAIN = 12  # wheel slip in proportion to the acceleration: a delay along the heading
+    FASTER = 13  # wheel slip in proportion to the speed above its usual one
 
 
 WAYS: Final = len(Way)
@@ -54,6 +57,7 @@ _ONSET: Final = np.dtype(
         ("signature", "f8", (_SIZE, 2)),  # effect of a unit drift on the error of the state
         ("information", "f8", (2, 2)),  # about the drift [s^2/m^2]
         ("evidence", "f8", 2),  # for a drift east and north [s/m]
+        ("restless", "f8"),  # how restless the ground was before, see `observe_drift`
     ]
 )
 """Hypothesis that a drift began at one moment."""
@@ -66,6 +70,8 @@ GROUND: Final = np.dtype(
             (_KEPT, 1 + 2 * WAYS),
         ),  # time, sums of the vectors of `Way`
         ("last", "f8", 1 + 2 * WAYS),  # the same at the last position, NaN time: none yet
+        ("speed_mps", "f8"),  # of the encoder, mean of half a second
+        ("usual_mps", "f8"),  # of the encoder, mean of minutes
         ("slipped", "f8", 2),  # sum of what the coefficients say of the way [m]
         ("offset", "f8", 2),  # of the last position from dead reckoning less that [m]
         ("state", "f8", _SIZE),  # r [m], then the coefficients of slips
@@ -75,7 +81,8 @@ GROUND: Final = np.dtype(
         ("onsets", _ONSET, _ONSETS),
         ("next_onset", "f8"),  # number of the onset that is replaced next
         ("next_s", "f8"),  # time until then [s]
-        ("ratios", "f8", BINS),  # largest likelihood ratio of the onsets in each bin
+        ("shortest", "f8"),  # largest likelihood ratio of the shortest windows
+        ("scaled", "f8", BINS),  # largest ratio in each bin, over that of restless ground
         ("drifts_mps", "f8", BINS),  # of the onset with that ratio
         ("ages_s", "f8", BINS),  # and its age
     ]
@@ -84,9 +91,13 @@ GROUND: Final = np.dtype(
 
 # Standard deviations of the coefficients at the start, by `Way` behind `TRAVELLED`: where an IMU
 # measures the slope, and where it does not. Tuned on drives of tuning seeds.
-_WITH_SLOPE: Final = (0.012, 0.012, 0.012, 0.012, 0.03, 0.05, 0.4, 0.4, 0.05, 0.10)
-_WITHOUT_SLOPE: Final = (0.06, 0.06, 0.06, 0.06, 0.03, 0.05, 0.0, 0.0, 0.05, 0.10)
-_WALKS: Final = (2e-4, 2e-4, 2e-4, 2e-4, 5e-4, 5e-4, 2e-4, 2e-4, 2e-4, 2e-4)  # [1/sqrt(s)]
+_IN_TURNS: Final = (0.05, 0.10, 0.10, 0.15, 0.03)  # from `TURN_SIDE` on
+_WITH_SLOPE: Final = (0.012, 0.012, 0.012, 0.012, 0.03, 0.05, 0.4, 0.4, *_IN_TURNS)
+_WITHOUT_SLOPE: Final = (0.06, 0.06, 0.06, 0.06, 0.03, 0.05, 0.0, 0.0, *_IN_TURNS)
+_BIAS_WALK: Final = 5e-4  # of the biases of heading and radius [1/sqrt(s)]
+_WALK: Final = 2e-4  # of the other coefficients [1/sqrt(s)]
+_SPEED_S: Final = 0.5  # of the mean speed whose change is the acceleration
+_USUAL_SPEED_S: Final = 60.0  # of the usual speed
 _ALONG_M: Final = 0.020  # random walk of dead reckoning along the heading [m/sqrt(s)]
 _ACROSS_M: Final = 0.008  # the same across
 _WHITE_M: Final = 0.035  # of a position, what bumps move it included
@@ -95,6 +106,7 @@ _USUAL: Final = 400.0  # steps in the mean misfit
 _LARGEST_MISFIT: Final = 8.0  # that one step adds
 _LEAST_MISFIT: Final = 0.3
 _LONGEST_STEP_S: Final = 2.0
+_RESTLESS_POWER: Final = 1.5  # of the restlessness, by which long ratios grow; by drives
 
 
 def new_ground() -> FloatArray:
@@ -152,6 +164,14 @@ def travel(
     _add(newest, Way.PITCH, distance * slope[1], ahead_x, ahead_y)
     _add(newest, Way.TURN_SIDE, turn, left_x, left_y)
     _add(newest, Way.TURN_CLIMB, distance * abs(turn) / span_s, ahead_x, ahead_y)
+    _add(newest, Way.CURVE_SIDE, distance * turn / span_s, left_x, left_y)
+
+    speed = distance / span_s
+    before = memory.speed_mps
+    memory.speed_mps += min(1.0, span_s / _SPEED_S) * (speed - before)
+    memory.usual_mps += span_s / _USUAL_SPEED_S * (speed - memory.usual_mps)
+    _add(newest, Way.GAIN, memory.speed_mps - before, ahead_x, ahead_y)
+    _add(newest, Way.FASTER, distance * (speed - memory.usual_mps), ahead_x, ahead_y)
 
 
 @kernel
@@ -163,9 +183,25 @@ def _add(row: FloatArray, column: int, length: float, x: float, y: float) -> Non
 
 @kernel
 def place(
-    memory: Record, time_s: float, x: float, y: float, knows_slope: bool, way: FloatArray
+    memory: Record,
+    time_s: float,
+    x: float,
+    y: float,
+    knows_slope: bool,
+    restless: float,
+    way: FloatArray,
 ) -> bool:
-    """Take in a position; return whether it was used. `way` is a workspace as `GROUND.last`."""
+    """Take in a position; return whether it was used.
+
+    Args:
+        memory: record `GROUND`.
+        time_s: of the position.
+        x: east [m].
+        y: north [m].
+        knows_slope: whether roll and pitch are measured.
+        restless: how restless the ground is, see `observe_drift`.
+        way: workspace as `GROUND.last`.
+    """
     if not _interpolate(memory, time_s, way):
         return False
     last = memory.last
@@ -180,7 +216,7 @@ def place(
         last[column] = way[column]
         way[column] = since
     _predict(memory, span_s, way)
-    _replace_onset(memory, span_s)
+    _replace_onset(memory, span_s, restless)
     _correct(memory, x - last[1 + 2 * Way.TRAVELLED], y - last[2 + 2 * Way.TRAVELLED])
     _write_ratios(memory)
     return True
@@ -223,8 +259,9 @@ def _restart(memory: Record, way: FloatArray, x: float, y: float, knows_slope: b
         memory.covariance[2 + n, 2 + n] = sd**2
     for n in range(_ONSETS):
         memory.onsets[n].age_s = -1.0
+    memory.shortest = 0.0
     for n in range(BINS):
-        memory.ratios[n] = 0.0
+        memory.scaled[n] = 0.0
     memory.next_s = _SETTLES_S
 
 
@@ -287,11 +324,12 @@ def _add_noise(memory: Record, span_s: float, way: FloatArray) -> None:
         p[1, 0] += mixed
     for n in range(SLIPS):
         if p[2 + n, 2 + n] > 0.0:
-            p[2 + n, 2 + n] += span_s * _WALKS[n] ** 2
+            is_bias = n in (Way.SIDE - 1, Way.CLIMB - 1)
+            p[2 + n, 2 + n] += span_s * (_BIAS_WALK if is_bias else _WALK) ** 2
 
 
 @kernel
-def _replace_onset(memory: Record, span_s: float) -> None:
+def _replace_onset(memory: Record, span_s: float, restless: float) -> None:
     """Assume every five seconds that a drift begins, in place of the oldest onset."""
     memory.next_s -= span_s
     if memory.next_s > 0.0:
@@ -303,6 +341,7 @@ def _replace_onset(memory: Record, span_s: float) -> None:
     onset.signature[:] = 0.0
     onset.information[:] = 0.0
     onset.evidence[:] = 0.0
+    onset.restless = max(restless, 1.0)
 
 
 @kernel
@@ -406,9 +445,13 @@ def _reduce_corner(p: FloatArray, i_00: float, i_01: float, i_11: float) -> None
 
 @kernel
 def _write_ratios(memory: Record) -> None:
-    """Write the largest ratio of each bin, with the drift and the age of its onset."""
+    """Write the largest scaled ratio of each bin, with the drift and the age of its onset.
+
+    A ratio is over how restless the ground was at its onset: a drift is restless too, once it is.
+    """
+    memory.shortest = 0.0
     for n in range(BINS):
-        memory.ratios[n] = 0.0
+        memory.scaled[n] = 0.0
     scale = max(memory.misfit, _LEAST_MISFIT)
     for number in range(_ONSETS):
         onset = memory.onsets[number]
@@ -424,7 +467,10 @@ def _write_ratios(memory: Record) -> None:
         east = (c_11 * onset.evidence[0] - c_01 * onset.evidence[1]) / determinant
         north = (c_00 * onset.evidence[1] - c_01 * onset.evidence[0]) / determinant
         ratio = (east * onset.evidence[0] + north * onset.evidence[1]) / scale
-        if ratio > memory.ratios[n]:
-            memory.ratios[n] = ratio
+        if n == 0:
+            memory.shortest = max(memory.shortest, ratio)
+        scaled = ratio / onset.restless**_RESTLESS_POWER
+        if scaled > memory.scaled[n]:
+            memory.scaled[n] = scaled
             memory.drifts_mps[n] = math.hypot(east, north)
             memory.ages_s[n] = onset.age_s

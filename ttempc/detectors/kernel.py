@@ -147,7 +147,7 @@ def _observe_receivers(s: Record, data: TickData) -> None:
         if board.enabled[DetectorIndex.CLOCK]:
             observe_clock(s.clocks[sensor], board, data, sensor)
     if board.enabled[DetectorIndex.VELOCITY]:
-        observe_velocity(s.velocity, board, data, s.speeds.position_sd)
+        observe_velocity(s.velocity, board, data, s.clocks, s.speeds.position_sd)
 
 
 @kernel
@@ -178,7 +178,8 @@ def _observe_estimate(s: Record, data: TickData) -> None:
         if board.enabled[DetectorIndex.STEPS]:
             position_sd = s.speeds.position_sd
             roughness = s.last.roughness
-            observe_steps(s.steps, s.drift, board, data, roughness, position_sd, confirmed)
+            noise = s.many.count
+            observe_steps(s.steps, s.drift, board, data, roughness, position_sd, noise, confirmed)
     if board.enabled[DetectorIndex.AT_REST]:
         planned_mps = latest_plan(s.speeds)
         check_standstill(s.standstill, board, data, s.speeds.position_sd, planned_mps)

@@ -9,7 +9,12 @@ from .board import Record, TickData, has_alarm
 from .history import kernel
 from .table import DetectorIndex
 
-MANY: Final = np.dtype([("mean", "f8")])  # number of sensors with innovations that are too large
+MANY: Final = np.dtype(
+    [
+        ("count", "f8"),  # sensors with innovations that are too large
+        ("mean", "f8"),  # of that number
+    ]
+)
 """Memory of the detector."""
 
 _MEAN_S: Final = 10.0
@@ -34,6 +39,7 @@ def observe_many(memory: Record, board: Record, data: TickData) -> None:
     count = 0
     for sensor in range(DetectorIndex.INNOVATIONS_GNSS_TRACTOR, DetectorIndex.HITCH):
         count += int(has_alarm(board, sensor))
+    memory.count = count
     memory.mean += data.span_s / _MEAN_S * (count - memory.mean)
     board.statistic[index] = memory.mean
     board.residual[index] = memory.mean

@@ -31,6 +31,8 @@ _USUAL: Final = 0.05  # share of a new difference in the usual one
 _NOISE_M: Final = 0.045  # of a difference on even ground
 _USUAL_SD_M: Final = 0.03  # of the white noise of a position for which this holds
 _ROUGH_M: Final = 0.010  # that a roughness of 1 adds
+_MANY: Final = 3.0  # sensors that contradict the estimate at a time
+_MANY_NOISE: Final = 5.0  # times the noise then; assumed
 _MEMORY_S: Final = 180.0  # in which the sum of steps fades; assumed
 _FOUND_M: Final = 0.26  # sum of steps that is a fault; by hand
 _CONFIRMED: Final = 1.5  # times that where velocities of GNSS confirm the positions; assumed
@@ -44,6 +46,7 @@ def observe_steps(
     data: TickData,
     roughness: float,
     position_sd: float,
+    contradicting: float,
     confirmed: bool,
 ) -> None:
     """Add up the steps by which both receivers leave dead reckoning within a second.
@@ -63,6 +66,8 @@ def observe_steps(
         data: of the tick.
         roughness: mean of the learnt factor of roughness.
         position_sd: of the white noise of the positions [m].
+        contradicting: number of sensors that contradict the estimate. Steps make both receivers do
+            so, and no other sensor: with a third one it is the noise that has grown.
         confirmed: whether measured velocities of GNSS confirm the positions; the bound is larger.
     """
     index = DetectorIndex.STEPS
@@ -79,6 +84,8 @@ def observe_steps(
         y = 0.5 * (tractor.offset[1] + trailer.offset[1])
         white = max(1.0, min(position_sd, 1.0) / _USUAL_SD_M)
         noise_m = white * _NOISE_M + _ROUGH_M * math.sqrt(max(roughness, 0.0))
+        if contradicting >= _MANY:
+            noise_m *= _MANY_NOISE
         _take_offset(memory, x, y, noise_m)
     else:
         memory.filled = 0.0

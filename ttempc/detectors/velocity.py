@@ -76,6 +76,7 @@ _WALK_M: Final = 0.005  # of slow errors of the positions [m/sqrt(s)]; assumed
 _WHITE_M: Final = 0.01  # least standard deviation of the white part of a position; assumed
 _LONGEST_GAP_S: Final = 1.0
 _SAME_MOMENT_S: Final = 0.3  # between a position and the velocity that belongs to it
+_JITTER_S: Final = 0.03  # of stamps that do not run late; assumed
 _GATE: Final = 6.0  # standard deviations of an innovation that is taken for an outlier
 _OUTLIERS: Final = 3.0  # in succession that are no outliers
 _LARGEST_MISFIT: Final = 8.0  # that one step adds
@@ -99,7 +100,9 @@ def new_velocity(wander_mps: float) -> FloatArray:
 
 
 @kernel
-def observe_velocity(memory: Record, board: Record, data: TickData, position_sd: float) -> None:
+def observe_velocity(
+    memory: Record, board: Record, data: TickData, clocks: Record, position_sd: float
+) -> None:
     """Compare the positions with the integral of the velocities, by both receivers together.
 
     With positions p and velocities v of the receivers, the mean z of p less the integral of v has
@@ -119,6 +122,9 @@ def observe_velocity(memory: Record, board: Record, data: TickData, position_sd:
     Above a first limit the vehicle slows down, above a second one it stops until `resume`. While it
     is slow the likeliest onset stays, so that the alarm ends where its own drift is contradicted.
 
+    A delay v d of the positions grows where their stamps run late by d: it is a matter of `clock`,
+    whose lateness is taken off the stamps.
+
     A receiver whose velocities lack noise derives them from its positions, or holds them: it is
     not used. Not seen is what moves velocity and position alike, a coherent spoofer, nor a base
     that is wrong and stands still.
@@ -127,6 +133,7 @@ def observe_velocity(memory: Record, board: Record, data: TickData, position_sd:
         memory: record `VELOCITY`.
         board: record `BOARD`.
         data: of the tick.
+        clocks: records `CLOCK` by `SensorIndex`, after this tick.
         position_sd: of the white noise of the positions [m].
     """
     if has_alarm(board, DetectorIndex.VELOCITY_SURE):
@@ -135,7 +142,8 @@ def observe_velocity(memory: Record, board: Record, data: TickData, position_sd:
     for body in range(2):
         track = memory.receivers[body]
         _integrate(track, data.rows, VELOCITY_OF_BODY[body])
-        time_s = _compare(track, board, data.rows, GNSS_OF_BODY[body])
+        late_s = clocks[GNSS_OF_BODY[body]].late_s
+        time_s = _compare(track, board, data.rows, GNSS_OF_BODY[body], late_s)
         if not time_s <= newest_s and not math.isnan(time_s):
             newest_s = time_s
     if math.isnan(newest_s):
@@ -205,8 +213,12 @@ def lives(track: Record) -> bool:
 
 
 @kernel
-def _compare(track: Record, board: Record, rows: FloatArray, sensor: int) -> float:
-    """Write the last position of a tick less the integral; return its time, NaN without one."""
+def _compare(track: Record, board: Record, rows: FloatArray, sensor: int, late_s: float) -> float:
+    """Write the last position of a tick less the integral; return its time, NaN without one.
+
+    `late_s` is how far its stamps run late; what jitter makes of it is left.
+    """
+    runs_late_s = math.copysign(max(0.0, abs(late_s) - _JITTER_S), late_s)
     found_s = math.nan
     track.known = 0.0
     if board.excluded[sensor] > 0.0 or not lives(track):
@@ -217,8 +229,9 @@ def _compare(track: Record, board: Record, rows: FloatArray, sensor: int) -> flo
         if sample[SampleColumn.SENSOR] != sensor:
             continue
         later_s = sample[SampleColumn.TIME_S] - track.time_s
-        x = sample[SampleColumn.FIRST] - track.moved[0] - later_s * track.velocity[0]
-        y = sample[SampleColumn.SECOND] - track.moved[1] - later_s * track.velocity[1]
+        ahead_s = later_s - runs_late_s
+        x = sample[SampleColumn.FIRST] - track.moved[0] - ahead_s * track.velocity[0]
+        y = sample[SampleColumn.SECOND] - track.moved[1] - ahead_s * track.velocity[1]
         if sample[SampleColumn.THIRD] == FLOAT:
             track.used = 0.0  # the fix that follows may lie elsewhere
         elif abs(later_s) <= _SAME_MOMENT_S and math.isfinite(x + y):
