@@ -635,9 +635,16 @@ CLASSES = (samples, gym, options, maps, logs, models, trust, kills, crowds, dask
 CLASSES += (memory,)
 
 
+def all_classes():
+    """Return every class of attacks by its name, those on disks, networks and processes last."""
+    from tests import system_attacks  # it needs this module
+
+    return {one.__name__: one for one in (*CLASSES, *system_attacks.CLASSES)}
+
+
 def main(words):
     """Attack and print a table; return 1 where anything failed."""
-    known, lines = {one.__name__: one for one in CLASSES}, []
+    known, lines = all_classes(), []
     for word in words or known:
         name, _, number = word.partition("=")
         begun = time.monotonic()

@@ -24,6 +24,7 @@ from ttempc.reference.path import Projection
 from ttempc.types import Command, FloatArray, Measurement, Sensor
 
 from ...testbed.geodesy import MapFrame
+from ...testbed.atomic_write import partial_path
 from ...testbed.ground.ground import GROUND_FILE
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
@@ -125,6 +126,8 @@ def import_log(
         UnreadableFile: the record cannot be read, or has too little for a log.
         LogError: the log exists, or cannot be written.
     """
+    # The record is still there: what a killed import has left is worth nothing.
+    partial_path(out).unlink(missing_ok=True)
     refuse_existing_log(out)
     mission = scenario.mission() if scenario else None
     scenario = scenario or default_scenario(vehicle, mapping, source.name)
