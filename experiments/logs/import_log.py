@@ -23,8 +23,8 @@ from ttempc.layout import estimate_row as record_of_estimate
 from ttempc.reference.path import Projection
 from ttempc.types import Command, FloatArray, Measurement, Sensor
 
-from ...testbed.geodesy import MapFrame
 from ...testbed.atomic_write import partial_path
+from ...testbed.geodesy import MapFrame
 from ...testbed.ground.ground import GROUND_FILE
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
