@@ -321,7 +321,8 @@ def side_ratio(bench: Bench, slip_angle: float, rim_speed: float, bn: float) -> 
     along = math.cos(slip_angle)
     slip = (rim_speed - along) / max(rim_speed, along)
 
-    # the slip angle of the law refers to the speed along the wheel, or of sliding where it is larger
+    # the slip angle of the law refers to the speed along the wheel, or to that of sliding where
+    # it is larger
     angle = math.atan(math.sin(slip_angle) / max(along, abs(rim_speed - along)))
     numbers = np.array([bn])
     m = np.array([bn * m_area / bn_area])

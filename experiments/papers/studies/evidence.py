@@ -23,8 +23,8 @@ from ..runner import Runner
 from ..table import Table
 
 Kind = Literal["counted", "one-sided", "fitted", "unknown conditions"]
-"""A kinder plant passes a one-sided row better. The plant is fitted to "fitted" ones; the source of "unknown
-conditions" does not say what the figure depends on."""
+"""A kinder plant passes a one-sided row better. The plant is fitted to "fitted" ones; the source of
+"unknown conditions" does not say what the figure depends on."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -186,7 +186,9 @@ def page(items: Sequence[Evidence]) -> str:
     parts = [_verdict(by_kind["counted"])]
     for kind, (letter, title) in _GROUPS.items():
         if own := by_kind[kind]:
-            table = markdown(heads, [[f"{letter}{k}", *each.cells] for k, each in enumerate(own, 1)])
+            table = markdown(
+                heads, [[f"{letter}{k}", *each.cells] for k, each in enumerate(own, 1)]
+            )
             parts += [title, table] if title else [table]
     for head, texts in _content()["not_measured"].items():
         parts.append("\n".join([f"{head}\n", *(f"- {text}" for text in texts)]))
