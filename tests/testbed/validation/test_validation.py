@@ -9,7 +9,6 @@ from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.validation.bench import Bench
 from proving_ground.testbed.validation.check import between
 from proving_ground.testbed.validation.validate import EXPERIMENTS, validate
-from proving_ground.testbed.wheels.soil_law import SoilLaw
 
 from tests.cards import bench_of
 
@@ -34,12 +33,6 @@ def test_every_experiment_holds_for_both_vehicles(experiment, bench):
         assert check.passed, check
         assert check.source
         assert check.expectation
-
-
-def test_traction_that_rises_too_fast_with_slip_loses_efficiency_where_tyres_have_their_best():
-    law = SoilLaw(traction_slip=40.0)
-    (name,) = failed("tractive efficiency", FARM, wheel_law=law)
-    assert "published best slip" in name
 
 
 def test_a_check_passes_inside_its_range_and_nowhere_else():
