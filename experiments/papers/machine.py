@@ -56,9 +56,18 @@ def machine(wrong: Constant = RIGHT) -> Machine:
     )
 
 
-def scaled_law(vehicle: PlantVehicle, names: Iterable[str], factor: float) -> SoilLaw:
-    """Return the law of a vehicle's tyres, of either kind, with coefficients times a factor."""
-    law = copy(SoilLaw().of(tyres_of(vehicle).radial))
+def scaled_law(
+    vehicle: PlantVehicle, names: Iterable[str], factor: float, of: SoilLaw | None = None
+) -> SoilLaw:
+    """Return the law of a vehicle's tyres, of either kind, with coefficients times a factor.
+
+    Args:
+        vehicle: whose tyres are of one kind or the other.
+        names: of the coefficients.
+        factor: of all of them.
+        of: law that is changed; None: the default one.
+    """
+    law = copy((of or SoilLaw()).of(tyres_of(vehicle).radial))
     for name in names:
         object.__setattr__(law, name, factor * getattr(law, name))
     return law

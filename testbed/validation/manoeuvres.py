@@ -318,15 +318,26 @@ _SLIPS: Final = np.array(
     [0.0, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.20]
 )  # slips that are aimed at
 
-# Slip at best tractive efficiency: University of Arizona Cooperative Extension. It names surfaces
-# without a cone index; each is identified by the mobility number Bn that ASABE D497 gives for drive
-# tyres (quoted from secondary sources: unconfirmed). Bn, not cone index: the same soil is firm for
-# a light vehicle and soft for a heavy one.
-_BANDS: Final = (  # surface, Bn, band
-    ("soft soil", 20.0, (0.14, 0.16)),
-    ("tilled soil", 40.0, (0.11, 0.13)),
-    ("firm soil", 55.0, (0.08, 0.10)),
-    ("concrete", 80.0, (0.04, 0.08)),
+# Slip of the largest tractive efficiency: University of Arizona Cooperative Extension. It names
+# surfaces without a cone index and no kind of tyre; each surface is identified by the mobility
+# number Bn that ASABE D497 gives for drive tyres (quoted from secondary sources: unconfirmed). Bn,
+# not cone index: the same soil is firm for a light vehicle and soft for a heavy one. The curve is
+# flat at its top, so that the efficiency at the published slip is compared, not the slip.
+
+
+class _Surface(NamedTuple):
+    """A surface of the source."""
+
+    name: str
+    bn: float
+    best_slip: float  # middle of the published range
+
+
+_SURFACES: Final = (
+    _Surface("soft soil", 20.0, 0.15),
+    _Surface("tilled soil", 40.0, 0.12),
+    _Surface("firm soil", 55.0, 0.09),
+    _Surface("concrete", 80.0, 0.06),
 )
 
 
@@ -400,10 +411,10 @@ def slip_against_pull(bench: Bench) -> Iterator[Measured]:
 
 
 def efficiency(bench: Bench) -> Iterator[Measured]:
-    """Measure the tractive efficiency of the driven axle over slip, and the slip of its maximum.
+    """Measure the efficiency of the driven axle over slip, and its loss at a published slip.
 
     It is net pull times speed over torque times wheel speed; by the law (1 - MRR / GTR) (1 - s).
-    The published band is that of the surface nearest in Bn under the static load.
+    The published slip is that of the surface nearest in Bn under the static load.
     """
     cone_index = bench.cone_index
     plant = bench.plant(flat((60.0, 10.0)), cone_index)
@@ -429,26 +440,14 @@ def efficiency(bench: Bench) -> Iterator[Measured]:
         words={"kpa": cone_index},
     )
     static = driven_bn(load)
-    surface, _, (low, high) = min(_BANDS, key=lambda band: abs(math.log(band[1] / static)))
-    yield Measured(
-        100.0 * _best(slips, measured),
-        (100.0 * low, 100.0 * high),
-        note=f"driven wheels at Bn = {static:.0f}",
-        words={"surface": f", {surface}"},
-    )
-
-
-def _best(slips: FloatArray, efficiency: FloatArray) -> float:
-    """Return the slip of the largest efficiency, from a parabola through three samples."""
+    surface = min(_SURFACES, key=lambda each: abs(math.log(each.bn / static)))
     order = np.argsort(slips)
-    slips = slips[order]
-    efficiency = efficiency[order]
-    top = int(efficiency.argmax())
-    if not 0 < top < len(slips) - 1:
-        return float(slips[top])
-    three = slice(top - 1, top + 2)
-    square, linear, _ = np.polyfit(slips[three], efficiency[three], 2)
-    return float(-0.5 * linear / square)
+    at_published = float(np.interp(surface.best_slip, slips[order], measured[order]))
+    yield Measured(
+        100.0 * (float(measured.max()) - at_published),
+        note=f"driven wheels at Bn = {static:.0f}, slip of {surface.best_slip:.2f}",
+        words={"surface": surface.name},
+    )
 
 
 # --- side force -----------------------------------------------------------------------------------

@@ -307,23 +307,26 @@ def _tilling(machine: Machine, slope: float) -> Plant:
     return Plant(bench.vehicle, ground, soil, wheel_law=law, implement=machine.implement)
 
 
-def side_ratio(bench: Bench, slip_angle: float, slip: float, bn: float) -> float:
+def side_ratio(bench: Bench, slip_angle: float, rim_speed: float, bn: float) -> float:
     """Return side force over load of the machine's rear wheel in steady rolling.
 
     Args:
         bench: of the machine.
-        slip_angle: of the wheel [rad].
-        slip: driving positive.
+        slip_angle: between the wheel's plane and its travel [rad].
+        rim_speed: of the wheel, over its speed of travel.
         bn: mobility number of the wheel, at its rated load.
     """
     law = bench.wheel_law.of(np.array([True]))
     bn_area, m_area = tyres_of(bench.vehicle).mobility_areas(law)[_REAR]
+    along = math.cos(slip_angle)
+    slip = (rim_speed - along) / max(rim_speed, along)
+
+    # the slip angle of the law refers to the speed along the wheel, or to that of sliding where
+    # it is larger
+    angle = math.atan(math.sin(slip_angle) / max(along, abs(rim_speed - along)))
     numbers = np.array([bn])
     m = np.array([bn * m_area / bn_area])
-    # the slip angle of the law refers to the speed of travel, or of sliding where it is larger
-    travel = max(math.cos(slip_angle), math.cos(slip_angle) * slip / (1.0 - slip))
-    angle = np.arctan(np.array([math.sin(slip_angle) / travel]))
-    return float(law.combined_ratios(numbers, m, slip, angle)[1][0])
+    return float(law.combined_ratios(numbers, m, slip, np.array([angle]))[1][0])
 
 
 def yaw_response(bench: Bench, speed: float, frequency_hz: float, periods: int = 3) -> FloatArray:
@@ -342,7 +345,11 @@ def yaw_response(bench: Bench, speed: float, frequency_hz: float, periods: int =
 
 
 def natural_frequencies(bench: Bench) -> list[float]:
-    """Return the frequencies of the tractor's roll, bounce and pitch after a kick at 1 m/s [Hz]."""
+    """Return the frequencies of the tractor's roll, bounce and pitch after a kick at 1 m/s [Hz].
+
+    Roll is that of the largest motion, as a motion picture shows it; bounce and pitch are those of
+    the largest acceleration.
+    """
     figures = []
     for dof, name in ((3, "roll"), (2, "z"), (4, "pitch")):  # of the tractor's free joint
         plant = bench.plant(flat((30.0, 20.0)))
@@ -350,7 +357,9 @@ def natural_frequencies(bench: Bench) -> list[float]:
         plant.data.qvel[dof] += 0.1
         mujoco.mj_step1(plant.model, plant.data)
         moved = column(drive(plant, bench.command(1.0), 4.0, 0.01), f"tractor.{name}")
-        acceleration = np.gradient(np.gradient(moved))  # as vibrations are measured
-        spectrum = np.abs(np.fft.rfft(acceleration[2:], 2**14))
+        vibration = moved - moved.mean()
+        if name != "roll":
+            vibration = np.gradient(np.gradient(moved))
+        spectrum = np.abs(np.fft.rfft(vibration[2:], 2**14))
         figures.append(float(spectrum.argmax()) / (2**14 * 0.01))
     return figures

@@ -41,10 +41,6 @@ def _most(high: float) -> Band:
     return _within(0.0, high)
 
 
-def _given(law: tuple[float, float]) -> tuple[float, float, str]:
-    return (*law, range_text(*law))
-
-
 _LEVER: Final = "rule of the lever on masses and lengths of the vehicle's file"
 _STEP: Final = "vehicle's K and tau; for the paper's vehicle: Kayacan et al. 2016, sec. II"
 _RATES: Final = "vehicle; rates of the paper's: Kayacan et al. 2016, constraints"
@@ -92,8 +88,9 @@ EXPERIMENTS: Final[dict[str, tuple[Callable[[Bench], Iterator[Measured]], tuple[
     "tractive efficiency": (drive.efficiency, (
         Row("tractive efficiency at {kpa:.0f} kPa, off the law", _most(0.015), "",
             "Brixius 1987: (1 - MRR/GTR) (1 - s)"),
-        Row("slip at best tractive efficiency{surface}", _given, "%",
-            "Univ. of Arizona Coop. Ext.; surface by Bn (ASABE D497, unconfirmed)"))),
+        Row("tractive efficiency lost at the published best slip, {surface}", _most(3.0), "points",
+            "Univ. of Arizona Coop. Ext., surface by Bn (ASABE D497, unconfirmed); 3 points "
+            "assumed, since by the law radial and bias-ply tyres differ by 2"))),
     "side force": (drive.side_force, (
         Row("side force over load at {kpa:.0f} kPa, off the law", _most(0.01), "",
             "lateral law, mu (1 - exp(-C/mu |alpha|)) by similarity with slip"),)),

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from proving_ground.experiments.papers.evidence import wheels
 from proving_ground.experiments.papers.machine import (
+    RIGHT,
     WRONG,
     Constant,
     machine,
@@ -34,15 +36,70 @@ def test_verdict_follows_from_figure_and_band():
         assert ("- Outside, 1: unknown." in page([item(figure)])) == (verdict != "in band")
 
 
-def test_only_two_sided_rows_count_and_say_what_turns_them_out():
-    items = [item(1.5, "one"), item(3.0, "two", at_work=True), item(1.5, "three", kind="one-sided")]
+def test_only_counted_rows_count_and_those_that_can_fail_are_told_apart():
+    items = [
+        item(1.5, "one", turned_out_by=("`side` +",)),
+        item(3.0, "two", at_work=True),
+        item(1.2, "without power"),
+        item(1.5, "three", kind="one-sided"),
+        item(1.5, "four", kind="unknown conditions"),
+    ]
     text = page(items)
-    assert text.startswith("1 of 2 two-sided figures from 1 sources")
-    assert "0 of 1 of machines at work" in text
+    assert text.startswith("2 of 3 figures from 1 sources")
+    assert "1 of 2 of those that can fail are inside" in text
     assert "| a1 | three |" in text
+    assert "| c1 | four |" in text
     low, high = (Constant("law.side", factor) for factor in WRONG)
     table = turned_out({low: [1, 4], high: []}, [high])
     assert "| `law.side` | 2: 1, 4 | refused |" in table
+
+
+def test_a_constant_turns_out_the_rows_whose_figure_leaves_the_band():
+    right, low, high = evidence.tasks("receiver_memory")
+    found = {right: [0.9, 0.8, 0.5], low: [0.9, 0.5, 0.5], high: [0.9, 0.8, 0.2]}
+    turned_out = [row.turned_out_by for row in evidence.with_power("receiver_memory", found)]
+    assert turned_out == [(), ("`length` -",), ("`length` +",)]
+
+
+@pytest.mark.parametrize("name", ["tyre_stiffness", "combined_slip", "receiver_memory"])
+def test_each_constant_of_a_table_changes_a_figure(name):
+    right, *wrong = evidence.tasks(name)
+    figures = np.array(evidence.measure(right))
+    assert len(figures) == len(evidence._content()[name]["figures"])
+    for constant in evidence._content()[name]["constants"]:
+        both = [evidence.measure(task) for task in wrong if task[1].name == constant]
+        assert np.max(np.abs(np.array(both) / figures - 1.0)) > 0.02, constant
+
+
+def test_tyre_stiffness_is_the_regression_of_lines_and_murphy():
+    # K = 172 - 1.77 D + 0.34 b D p, kN/m, 24 in rim, 19.49 in wide
+    expected = [172.0 - 1.77 * 24.0 + 0.34 * 19.49 * 24.0 * bar for bar in (1.0, 3.0)]
+    assert wheels.tyre_stiffness(RIGHT) == pytest.approx(expected, rel=0.003)
+
+
+def test_a_second_pass_saves_work_of_sinkage_alone():
+    """The gains are one saving of resistance, over three quantities; softer soil saves more."""
+    bench = machine().bench
+    soft, firm = (wheels._gains_in_rut(bench, bn) for bn in (20.0, 55.0))
+    law = SoilLaw(tyre="radial")
+    for bn, (rolling, traction, efficiency) in ((20.0, soft), (55.0, firm)):
+        numbers = np.array([bn])
+        saved = 0.01 * rolling * law.motion_resistance_ratio(numbers, np.zeros(1))[0]
+        net = law.net_traction_ratio(numbers, np.array([0.2]))[0]
+        assert traction == pytest.approx(100.0 * saved / net, rel=1e-3)
+        assert 0.0 < traction < efficiency < rolling
+    assert soft[0] > firm[0]
+
+
+def test_drawbar_power_of_a_tractor_without_front_weight_is_the_tyre_efficiency():
+    bench = machine().bench
+    alone = wheels._efficiency(bench, 40.0, pulled_share=0.0)
+    law = SoilLaw(tyre="radial")
+    slip = np.array([0.1])
+    numbers = np.array([40.0])
+    ratio = law.net_traction_ratio(numbers, slip) / law.gross_traction_ratio(numbers, slip)
+    assert np.interp(0.1, wheels._SLIPS, alone) == pytest.approx(0.9 * ratio[0], rel=1e-4)
+    assert (wheels._efficiency(bench, 40.0, pulled_share=1.0) < alone).all()
 
 
 def test_every_constant_is_one_of_the_plant_and_changes_it():
@@ -74,10 +131,13 @@ def test_a_scaled_law_is_scaled_once_for_either_kind_of_tyre():
 def test_side_force_of_a_wheel_opposes_its_slip_angle_and_falls_with_slip():
     bench = machine().bench
     angle = math.radians(15.0)
-    free, half = (side_ratio(bench, angle, slip, 20.0) for slip in (0.0, 0.5))
-    assert free < half < 0.0
-    assert side_ratio(bench, -angle, 0.5, 20.0) == pytest.approx(-half, rel=1e-6)
-    assert side_ratio(bench, 0.0, 0.2, 20.0) == pytest.approx(0.0, abs=1e-9)
+    equal, double = (side_ratio(bench, angle, rim_speed, 20.0) for rim_speed in (1.0, 2.0))
+    assert equal < double < 0.0
+    assert side_ratio(bench, -angle, 2.0, 20.0) == pytest.approx(-double, rel=1e-6)
+    assert side_ratio(bench, 0.0, 1.25, 20.0) == pytest.approx(0.0, abs=1e-9)
+    # a wheel that turns with the speed along its plane does not slip: the pure law
+    pure = side_ratio(bench, angle, math.cos(angle), 20.0)
+    assert pure == min(side_ratio(bench, angle, each, 20.0) for each in (0.9, 1.0, math.cos(angle)))
 
 
 def test_slow_yaw_response_is_ackermann():

@@ -30,8 +30,7 @@ def test_every_experiment_holds_for_both_vehicles(experiment, bench):
     checks = checks_of(experiment, bench)
     assert checks
     for check in checks:
-        # published bands of the slip at best efficiency are those of other tractors
-        assert check.passed or (bench is FARM and "best tractive" in check.name), check
+        assert check.passed, check
         assert check.source
         assert check.expectation
 
