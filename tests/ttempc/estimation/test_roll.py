@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from scipy.spatial.transform import Rotation
 from tests.reference.estimation.augmented_state import augmented_rate, predicted_measurement
 from tests.ttempc.sensed_drive import VEHICLE, SensedDrive
 from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.filter.records import SNAPSHOT, SNAPSHOT_SIZE, GyroColumn
+from ttempc.estimation.filter.sample import tilt_of_hitch_angle
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.augmented_state import SIZE, STATES, AugmentedState
-from ttempc.sensors import STARTING_SENSORS
+from ttempc.sensors import STARTING_SENSORS, Body
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -88,8 +91,19 @@ class Tilting:
         values = {
             sensor: predicted_measurement(sensor, x, VEHICLE)[0] for sensor in STARTING_SENSORS
         }
-        values[Sensor.HITCH] -= BEND * self._rolls(time_s)[:, 0].mean()
+        values[Sensor.HITCH] = (self._hitch_angle(x, time_s),)
         return [Measurement(time_s, sensor, tuple(value)) for sensor, value in values.items()]
+
+    def _hitch_angle(self, x: FloatArray, time_s: float) -> float:
+        """Return the angle of the drawbar about the vertical of the tractor itself."""
+        roll_t, roll_i = self._rolls(time_s)[:, 0]
+        psi_i = x[State.PSI_I] + BEND * self._rolls(time_s)[:, 0].mean()
+        tractor = Rotation.from_euler("ZYX", (x[State.PSI_T], 0.0, roll_t))
+        trailer = Rotation.from_euler("ZYX", (psi_i, 0.0, roll_i))
+        delta_i = x[State.DELTA_I]
+        drawbar = trailer.apply((math.cos(delta_i), math.sin(delta_i), 0.0))
+        ahead, left, _ = tractor.inv().apply(drawbar)
+        return -math.atan2(left, ahead)
 
     def _attitude(self, x: FloatArray, time_s: float) -> list[Measurement]:
         middle = x.copy()
@@ -103,9 +117,15 @@ class Tilting:
         ]
 
 
-def estimates_of(ticks: Samples, vehicle: Vehicle = VEHICLE) -> list[Estimate]:
+BLIND: Final = SensorNoise(hitch=1e6)
+"""Noise of a hitch angle that tells nothing: the tilt of its tractor is in it."""
+
+
+def estimates_of(
+    ticks: Samples, vehicle: Vehicle = VEHICLE, noise: SensorNoise | None = None
+) -> list[Estimate]:
     """Return the estimates over the samples of a curve of a filter without slip by the slope."""
-    estimator = ExtendedKalmanFilter(vehicle, process_noise=ProcessNoise(side_per_slope=0.0))
+    estimator = ExtendedKalmanFilter(vehicle, noise, ProcessNoise(side_per_slope=0.0))
     return [estimator.update(k * PERIOD_S, samples, TURN) for k, samples in enumerate(ticks)]
 
 
@@ -139,17 +159,19 @@ def without_roll(ticks: Samples, *imus: Sensor) -> Samples:
 
 def test_axle_points_at_ground_level_take_nothing_from_roll(tilting):
     level = without_roll(tilting, *IMUS)
-    for one, other in zip(estimates_of(tilting, FLAT), estimates_of(level, FLAT), strict=True):
-        np.testing.assert_array_equal(one.state, other.state)
-        np.testing.assert_array_equal(one.covariance, other.covariance)
+    ones = estimates_of(tilting, FLAT, BLIND)
+    others = estimates_of(level, FLAT, BLIND)
+    for one, other in zip(ones, others, strict=True):
+        np.testing.assert_allclose(one.state, other.state, atol=1e-9)
+        np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-9)
 
 
 def test_a_tool_in_the_soil_holds_the_axle_of_the_trailer(tilting):
     """With a tool, and axle points of one height, roll of the trailer moves nothing."""
     tool = replace(VEHICLE, tool_behind=1.0, axle_height_i=VEHICLE.axle_height_t)
-    one = estimates_of(tilting, tool)[-1]
-    other = estimates_of(without_roll(tilting, Sensor.IMU_TRAILER), tool)[-1]
-    np.testing.assert_allclose(one.state, other.state, atol=1e-12)
+    one = estimates_of(tilting, tool, BLIND)[-1]
+    other = estimates_of(without_roll(tilting, Sensor.IMU_TRAILER), tool, BLIND)[-1]
+    np.testing.assert_allclose(one.state, other.state, atol=1e-9)
 
 
 @pytest.mark.parametrize("yaw", [0.4, -2.0])
@@ -254,3 +276,25 @@ def test_noise_of_roll_neither_accumulates_nor_is_left_out():
                 covariance = estimate.covariance[: State.DELTA_T, : State.DELTA_T]
                 squares.append(error @ np.linalg.solve(covariance, error) / len(error))
     assert 0.5 < np.mean(squares) < 1.5
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_hitch_angle_is_one_about_the_vertical_of_a_tilted_tractor(seed):
+    """Turned by RJ1, yaw, pitch and roll in this order, and by RJ2, the tractor is the trailer."""
+    generator = np.random.default_rng(seed)
+    yaw, beta, delta_i = generator.uniform((-3.0, -1.0, -0.4), (3.0, 1.0, 0.4))
+    pitch_t, roll_t, pitch_d, roll_d = generator.uniform(-0.25, 0.25, 4)
+    tractor = Rotation.from_euler("ZYX", (yaw, pitch_t, roll_t))
+    drawbar = tractor * Rotation.from_euler("ZYX", (-beta, pitch_d, roll_d))
+    trailer = drawbar * Rotation.from_euler("Z", -delta_i)
+    psi_i, pitch_i, roll_i = trailer.as_euler("ZYX")
+
+    snapshot = np.zeros(SNAPSHOT_SIZE)
+    now = snapshot.view(SNAPSHOT)[0]
+    now["augmented"][0, : State.DELTA_I + 1] = 0.0, 0.0, yaw, psi_i, 0.0, delta_i
+    now["gyros"][Body.TRACTOR, GyroColumn.ROLL :] = roll_t, pitch_t
+    now["gyros"][Body.TRAILER, GyroColumn.ROLL :] = roll_i, pitch_i
+
+    flat = math.remainder(yaw - psi_i - delta_i, math.tau)
+    assert tilt_of_hitch_angle(snapshot) == pytest.approx(beta - flat, abs=1e-12)
+    assert abs(tilt_of_hitch_angle(snapshot)) > 1e-4

@@ -42,6 +42,8 @@ def apply_sample(
         psi_i = record(snapshot, SNAPSHOT).augmented[0, AugmentedState.PSI_I]
         first -= shift.ahead * math.cos(psi_i) - shift.left * math.sin(psi_i)
         second -= shift.ahead * math.sin(psi_i) + shift.left * math.cos(psi_i)
+    if sensor == SensorIndex.HITCH and knows_attitude(snapshot):
+        first -= tilt_of_hitch_angle(snapshot)
     reading = Reading(sensor, first, second, variance)
     return _gate(parameters, snapshot, sample, reading, workspace)
 
@@ -131,6 +133,63 @@ def trailer_arm(parameters: FloatArray, snapshot: FloatArray) -> float:
     arm = f.vehicle[VehicleParameter.TRAILER_LENGTH]
     arm += f.vehicle[VehicleParameter.TRAILER_TURNING_OFFSET]
     return arm + f.vehicle[VehicleParameter.DRAWBAR_LENGTH] * math.cos(delta_i)
+
+
+class Direction(NamedTuple):
+    """Unit vector in the frame of a body: ahead, to the left, up."""
+
+    ahead: float
+    left: float
+    up: float
+
+
+@cached_njit(error_model="numpy")
+def tilt_of_hitch_angle(snapshot: FloatArray) -> float:
+    """Return the angle between tractor and drawbar less the one between their headings [rad].
+
+    The hitch angle is one about the tractor's own vertical. On a roll a pitch of the bodies against
+    each other therefore turns it: for small angles by roll_t (pitch_d - pitch_t). The drawbar is in
+    the plane of the trailer. The attitudes are those of the last samples of the IMUs.
+    """
+    now = record(snapshot, SNAPSHOT)
+    x = now.augmented[0]
+    tractor = now.gyros[Body.TRACTOR]
+    trailer = now.gyros[Body.TRAILER]
+    delta_i = x[AugmentedState.DELTA_I]
+    along = Direction(math.cos(delta_i), math.sin(delta_i), 0.0)
+    along = _pitched(_rolled(along, trailer[GyroColumn.ROLL]), trailer[GyroColumn.PITCH])
+    along = _yawed(along, x[AugmentedState.PSI_I] - x[AugmentedState.PSI_T])
+    along = _rolled(_pitched(along, -tractor[GyroColumn.PITCH]), -tractor[GyroColumn.ROLL])
+    of_headings = x[AugmentedState.PSI_T] - x[AugmentedState.PSI_I] - delta_i
+    tilt = -math.atan2(along.left, along.ahead) - of_headings
+    return tilt - math.tau * round(tilt / math.tau)
+
+
+@cached_njit(error_model="numpy")
+def _rolled(vector: Direction, angle: float) -> Direction:
+    """Return a vector turned about the axis ahead, left side up."""
+    cos = math.cos(angle)
+    sin = math.sin(angle)
+    left = cos * vector.left - sin * vector.up
+    return Direction(vector.ahead, left, sin * vector.left + cos * vector.up)
+
+
+@cached_njit(error_model="numpy")
+def _pitched(vector: Direction, angle: float) -> Direction:
+    """Return a vector turned about the axis to the left, nose down."""
+    cos = math.cos(angle)
+    sin = math.sin(angle)
+    ahead = cos * vector.ahead + sin * vector.up
+    return Direction(ahead, vector.left, cos * vector.up - sin * vector.ahead)
+
+
+@cached_njit(error_model="numpy")
+def _yawed(vector: Direction, angle: float) -> Direction:
+    """Return a vector turned about the vertical, to the left."""
+    cos = math.cos(angle)
+    sin = math.sin(angle)
+    ahead = cos * vector.ahead - sin * vector.left
+    return Direction(ahead, sin * vector.ahead + cos * vector.left, vector.up)
 
 
 class Shift(NamedTuple):
