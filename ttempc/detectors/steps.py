@@ -18,7 +18,8 @@ STEPS: Final = np.dtype(
         ("offsets", "f8", (_KEPT, 2)),  # of both positions from dead reckoning [m], newest last
         ("filled", "f8"),  # number of offsets
         ("usual", "f8", 2),  # mean difference of offsets a second apart [m]
-        ("wait", "f8"),  # positions until the next difference counts
+        ("wait", "f8"),  # positions until the next difference is looked at
+        ("peak", "f8", 2),  # largest difference since the last step [m]
         ("sum", "f8", 2),  # of the steps [m]
     ]
 )
@@ -26,15 +27,15 @@ STEPS: Final = np.dtype(
 
 _SETTLES_S: Final = 12.0  # while the coefficients of slips are learnt
 _MEAN_OF: Final = 3  # offsets in a mean
-_EVERY: Final = 5.0  # positions from one counted difference to the next
-_USUAL: Final = 0.05  # share of a new difference in the usual one
+_PASSES: Final = 5.0  # positions until a step has left the differences
+_USUAL: Final = 0.01  # share of a new difference in the usual one
 _NOISE_M: Final = 0.045  # of a difference on even ground
 _USUAL_SD_M: Final = 0.03  # of the white noise of a position for which this holds
 _ROUGH_M: Final = 0.010  # that a roughness of 1 adds
 _MANY: Final = 3.0  # sensors that contradict the estimate at a time
 _MANY_NOISE: Final = 5.0  # times the noise then; assumed
 _MEMORY_S: Final = 180.0  # in which the sum of steps fades; assumed
-_FOUND_M: Final = 0.26  # sum of steps that is a fault; by hand
+_FOUND_M: Final = 0.32  # sum of steps that is a fault; by hand
 _CONFIRMED: Final = 1.5  # times that where velocities of GNSS confirm the positions; assumed
 
 
@@ -51,12 +52,13 @@ def observe_steps(
 ) -> None:
     """Add up the steps by which both receivers leave dead reckoning within a second.
 
-    The difference s of the mean offset from dead reckoning in the last 0.6 s and a second before is
-    taken every second, less its usual value, that of slopes and slips. Of what exceeds the noise n,
+    The difference of the mean offset from dead reckoning in the last 0.6 s and a second before is
+    taken less its usual value, that of slopes and slips. Of each of its peaks s that exceeds the
+    noise n,
 
         S <- exp(-T / 180 s) S + s max(0, 1 - n^2 / |s|^2).
 
-    The statistic is |S| over 0.26 m: stairs in one direction add up, bumps go back. The alarm
+    The statistic is |S| over 0.32 m: stairs in one direction add up, bumps go back. The alarm
     stands until `resume`, since a step that lasts is no less wrong than a new one.
 
     Args:
@@ -89,6 +91,7 @@ def observe_steps(
         _take_offset(memory, x, y, noise_m)
     else:
         memory.filled = 0.0
+        memory.peak[:] = 0.0
     length = math.hypot(memory.sum[0], memory.sum[1])
     bound_m = _CONFIRMED * _FOUND_M if confirmed else _FOUND_M
     board.statistic[index] = length / bound_m
@@ -98,7 +101,7 @@ def observe_steps(
 
 @kernel
 def _take_offset(memory: Record, x: float, y: float, noise_m: float) -> None:
-    """Take in an offset, and every second a difference."""
+    """Take in an offset, and the peaks of the differences."""
     offsets = memory.offsets
     for row in range(_KEPT - 1):
         offsets[row, 0] = offsets[row + 1, 0]
@@ -109,18 +112,25 @@ def _take_offset(memory: Record, x: float, y: float, noise_m: float) -> None:
     memory.wait -= 1.0
     if memory.filled < _KEPT or memory.wait > 0.0:
         return
-    memory.wait = _EVERY
 
     step_x = _difference(offsets, 0) - memory.usual[0]
     step_y = _difference(offsets, 1) - memory.usual[1]
     length = math.hypot(step_x, step_y)
-    if length > noise_m:
-        share = 1.0 - (noise_m / length) ** 2
-        memory.sum[0] += share * step_x
-        memory.sum[1] += share * step_y
-    limited = min(1.0, noise_m / max(length, 1e-9))
-    memory.usual[0] += _USUAL * limited * step_x
-    memory.usual[1] += _USUAL * limited * step_y
+    limited = _USUAL * min(1.0, noise_m / max(length, 1e-9))
+    memory.usual[0] += limited * step_x
+    memory.usual[1] += limited * step_y
+
+    # A step grows in the differences, stays and leaves them: it counts where it was largest
+    peak_m = math.hypot(memory.peak[0], memory.peak[1])
+    if length < peak_m and peak_m > noise_m:
+        share = 1.0 - (noise_m / peak_m) ** 2
+        memory.sum[0] += share * memory.peak[0]
+        memory.sum[1] += share * memory.peak[1]
+        memory.peak[:] = 0.0
+        memory.wait = _PASSES
+    else:
+        memory.peak[0] = step_x
+        memory.peak[1] = step_y
 
 
 @kernel
