@@ -18,7 +18,18 @@ from .options import Group, command, option, out, refuse_given
 if TYPE_CHECKING:
     from ..studies.search.limit import Limit
     from ..studies.search.rays import Report
+    from ..studies.sweep.merge import Shard
     from ..studies.sweep.sweep import Progress
+
+
+def _share(text: str) -> Shard:
+    """Read a share K/N of a sweep for `argparse`."""
+    from ..studies.sweep.merge import Shard
+
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise argparse.ArgumentTypeError(f"must be K/N with K from 1 to N, got {text!r}")
+    return Shard(int(number), int(count))
 
 
 @command(
@@ -30,7 +41,22 @@ if TYPE_CHECKING:
     option(
         "--dry-run",
         action="store_true",
-        help="check the plan, print it, its size and an estimate of time and disk; write nothing",
+        help="check the plan, print it, its size and an estimate of time; write nothing",
+        group="action",
+    ),
+    option(
+        "--shard",
+        type=_share,
+        metavar="K/N",
+        help="drive the K-th of N shares, each on a machine and into a folder of its own",
+    ),
+    option(
+        "--merge",
+        nargs="+",
+        type=Path,
+        metavar="FOLDER",
+        help="take the rows of these folders of the same study into DIR; no run is made",
+        group="action",
     ),
 )
 def sweep(arguments: argparse.Namespace) -> int:
@@ -41,12 +67,17 @@ def sweep(arguments: argparse.Namespace) -> int:
       logs/           the logs that the study keeps
 
     The same command continues an interrupted sweep; a study may grow. Exit code 0 if every
-    run has a row, whatever its status, 130 if the sweep was interrupted.
+    run has a row, whatever its status, 130 if the sweep was interrupted. Two machines:
+
+      ttempc sweep STUDY --shard 1/2 -o one     (and 2/2 -o two on the other)
+      ttempc sweep STUDY --merge one two -o all
     """
     # Imported here so that --help does not load MuJoCo and Dask.
     from ..studies.sweep.dry_run import format_plan
-    from ..studies.sweep.engine import engine
+    from ..studies.sweep.engine import cores, engine
+    from ..studies.sweep.estimate import MOST_UNTOLD, format_time
     from ..studies.sweep.folder import is_begun, lock_folder
+    from ..studies.sweep.merge import WHOLE, merge
     from ..studies.sweep.plan import SweepPlan
     from ..studies.sweep.results import rows
     from ..studies.sweep.study import load_study
@@ -59,17 +90,32 @@ def sweep(arguments: argparse.Namespace) -> int:
     if arguments.dry_run or not (is_begun(folder) or arguments.quiet):
         for reason in extent.refused:
             print(f"ttempc: note: left out: {reason}", file=sys.stderr)
+    workers = arguments.workers or (1 if arguments.workers == 0 else cores())
     if arguments.dry_run:
-        print(format_plan(plan))
+        print(f"{format_plan(plan)}\nestimate  {format_time(plan, workers)}")
         return 0
+    if arguments.merge:
+        with lock_folder(folder, plan) as locked:
+            missing = merge(plan, locked, arguments.merge)
+        rest = f"; {missing} runs are missing: the same command without --merge drives them"
+        print(
+            f"{extent.runs - missing} rows    {folder / 'results.jsonl'}{rest if missing else ''}"
+        )
+        return 0
+    shard = arguments.shard or WHOLE
+    count = sum(1 for _ in shard.runs(plan))
+    tells = count > MOST_UNTOLD and not (arguments.quiet or arguments.dask or is_begun(folder))
+    if tells:
+        of = f" (all {extent.runs} runs, of which here {count})" if count < extent.runs else ""
+        print(f"ttempc: takes {format_time(plan, workers)}{of}", file=sys.stderr, flush=True)
 
     def drive() -> None:
         with (
             engine(arguments.workers, arguments.dask) as submit,
             lock_folder(folder, plan) as locked,
-            progress(extent.runs, name, "run", shown=not arguments.quiet) as count,
+            progress(count, name, "run", shown=not arguments.quiet) as tell,
         ):
-            sweep(plan, locked, submit, _counted(count))
+            sweep(plan, locked, submit, _counted(tell), shard=shard)
         if not arguments.quiet:
             counts = Counter(str(row["status"]) for row in rows(folder / "results.jsonl"))
             by_status = ", ".join(f"{count} {status}" for status, count in counts.most_common())

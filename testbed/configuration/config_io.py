@@ -69,16 +69,24 @@ def read_toml(file: Path, error: type[Exception]) -> dict[str, Any]:
     Raises:
         Exception: `error` with one line, if the file is missing, too large or no TOML.
     """
+    return parse_toml(toml_text(file, error), error, str(file))
+
+
+def toml_text(file: Path, error: type[Exception]) -> str:
+    """Return the text of a TOML file.
+
+    Raises:
+        Exception: `error` with one line, if the file is missing, too large or no text.
+    """
     try:
         data = read_bounded(file, _MOST_BYTES)
         if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
             raise error(f"{file}: cannot be read as TOML: is UTF-16, save it as UTF-8")
-        text = data.decode("utf-8-sig")  # Windows programs write a mark
+        return data.decode("utf-8-sig")  # Windows programs write a mark
     except OSError as reason:
         raise error(f"{file}: cannot be read as TOML: {reason.strerror}") from None
     except UnicodeDecodeError as reason:
         raise error(f"{file}: cannot be read as TOML: {reason}") from None
-    return parse_toml(text, error, str(file))
 
 
 def parse_toml(text: str, error: type[Exception], where: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ Heights are above level ground under unloaded tyres, except where a comment give
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass as stdlib_dataclass
@@ -24,7 +25,8 @@ from ..configuration.config_io import (
     NotNegative,
     PlaceM,
     Positive,
-    read_toml,
+    parse_toml,
+    toml_text,
     validated,
 )
 from ..configuration.resources import ShippedFiles
@@ -36,6 +38,7 @@ DEFAULT_VEHICLE: Final = "kayacan2016"
 VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
 """Vehicles that ship with the project."""
 
+_UNDERSTOOD: Final = 16  # texts of vehicles, see `_vehicle`
 GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
 _LEAST_SHARE: Final = 0.05  # of the tractor's weight on each axle; it must steer and drive
 _WIDEST_KNUCKLE_DEG: Final = 65.0  # beyond it the quartic of MuJoCo's coupling does not fit
@@ -205,7 +208,18 @@ def read_vehicle(name: str = DEFAULT_VEHICLE) -> PlantVehicle:
             file and key), or the parts do not fit together (the message gives the reason).
     """
     file = VEHICLES.find(name)
-    content = read_toml(file, InvalidPlant)
+    return _vehicle(toml_text(file, InvalidPlant), str(file))
+
+
+# A study asks for the same vehicle at each of its points: read from the disk, understood once.
+@functools.lru_cache(_UNDERSTOOD)
+def _vehicle(text: str, file: str) -> PlantVehicle:
+    """Return the vehicle of a text, given the file that it was read from.
+
+    Raises:
+        InvalidPlant: see `read_vehicle`.
+    """
+    content = parse_toml(text, InvalidPlant, file)
     try:
         return validated(PlantVehicle, content, InvalidPlant)
     except InvalidPlant as error:

@@ -175,16 +175,8 @@ def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
         SweepRefused: it belongs to another sweep; the message says what differs.
     """
     begun = read_origin(path)
-    # The commit may differ: the digest says whether the code does.
-    before, after = ({"code": item.code, **item.versions, "commit": ""} for item in (begun, origin))
-    for name in {**before, **after}:
-        if (old := before.get(name)) != (now := after.get(name)):
-            raise SweepRefused(
-                f"output folder {path}: was begun with another {name} ({old}, now {now}); "
-                "give another folder"
-            )
-    same = read_member(path, _STUDY) == plan.study.dump().encode()
-    if same and begun.plan == origin.plan:
+    refuse_other_code(path, begun, origin)
+    if same_study(path, plan) and begun.plan == origin.plan:
         return begun
     origin = replace(origin, versions=begun.versions)
     kept = _renumbered(path, plan, origin)
@@ -193,6 +185,34 @@ def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
     _write(path / FILE, "".join(map(line, kept)))
     _write(path / _VERSIONS, origin.dump())
     return origin
+
+
+def refuse_other_code(path: Path, begun: Origin, origin: Origin) -> None:
+    """Refuse a folder that was begun with other code or other versions than those of `origin`.
+
+    Raises:
+        SweepRefused: the message says what differs.
+    """
+    # The commit may differ: the digest says whether the code does.
+    before, after = ({"code": item.code, **item.versions, "commit": ""} for item in (begun, origin))
+    for name in {**before, **after}:
+        if (old := before.get(name)) != (now := after.get(name)):
+            raise SweepRefused(
+                f"folder {path}: was begun with another {name} ({old}, now {now}); "
+                "give another folder"
+            )
+
+
+def same_study(path: Path, plan: SweepPlan) -> bool:
+    """Return whether a folder was begun with the study of a plan.
+
+    Raises:
+        SweepRefused: its study cannot be read.
+    """
+    try:
+        return read_member(path, _STUDY) == plan.study.dump().encode()
+    except OSError as error:
+        raise SweepRefused(f"{path / _STUDY}: cannot be read: {error.strerror}") from None
 
 
 def _renumbered(path: Path, plan: SweepPlan, origin: Origin) -> list[Row]:

@@ -90,26 +90,27 @@ class Results:
         """Return whether a run has a row."""
         return bool(self._done[run])
 
-    def append(self, row: Row) -> None:
-        """Write a row and sync it to the disk.
+    def append(self, *rows: Row) -> None:
+        """Write rows and sync them to the disk.
 
         Raises:
-            SweepStopped: writing failed; the file ends with the row before.
+            SweepStopped: writing failed; the file ends with the row before them.
         """
         stream = self._stream
         whole = os.fstat(self._stream.fileno()).st_size
         try:
             # Unbuffered: after a failure, the rest of a buffer would be written on closing.
-            data = line(row).encode()
+            data = "".join(map(line, rows)).encode()
             while data:
                 data = data[os.write(stream.fileno(), data) :]
             os.fsync(stream.fileno())
         except OSError as error:
             os.truncate(stream.fileno(), whole)
             raise SweepStopped(f"{self.file}: cannot be written: {error.strerror}") from None
-        run = row["run"]
-        assert isinstance(run, int)
-        self._done[run] = 1
+        for row in rows:
+            run = row["run"]
+            assert isinstance(run, int)
+            self._done[run] = 1
 
     def __enter__(self) -> Self:
         return self

@@ -244,6 +244,7 @@ class Dimension:
 
     entries: Sequence[Change]
     selects_controller: bool = False  # all its entries meet the same terrain and noise
+    ends: frozenset[int] | None = None  # entries at the end of a drawn axis; None: none is drawn
 
 
 def dimensions(study: Study) -> tuple[Dimension, ...]:
@@ -256,12 +257,13 @@ def dimensions(study: Study) -> tuple[Dimension, ...]:
             result.append(Dimension(changes, selects_controller="controller" in axis.names))
     if study.samples is not None:
         drawn = [axis for axis in study.axis if isinstance(axis, DrawnAxis)]
-        points = draw(drawn, study.samples, study.draw).tolist()
+        points = draw(drawn, study.samples, study.draw)
+        ends = frozenset(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)]).tolist())
         joint = [
             {name: value for axis, value in zip(drawn, point, strict=True) for name in axis.names}
-            for point in points
+            for point in points.tolist()
         ]
-        result.append(Dimension(joint))
+        result.append(Dimension(joint, ends=ends))
     return tuple(result)
 
 

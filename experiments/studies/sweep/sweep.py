@@ -9,6 +9,7 @@ from typing import Any
 from ...errors import InvalidStudy, SweepStopped
 from .engine import Engine, imap_bounded
 from .folder import Origin, SweepFolder, lock_folder
+from .merge import WHOLE, Shard
 from .plan import SweepPlan
 from .results import Results, rows
 from .row import Row
@@ -31,6 +32,7 @@ def sweep(
     engine: Engine,
     on_row: Callable[[Progress], object] = lambda progress: None,
     work: Callable[[SweepJob], Row] = run_job,
+    shard: Shard = WHOLE,
 ) -> None:
     """Drive the runs that have no row.
 
@@ -40,6 +42,7 @@ def sweep(
         engine: executes the runs.
         on_row: called after a row is on the disk.
         work: makes the row of a run.
+        shard: share of the sweep to drive.
 
     Raises:
         SweepStopped: the disk is full, or the scheduler is gone; written rows remain.
@@ -48,7 +51,7 @@ def sweep(
     for partial in folder.logs.glob(".*"):  # of workers that were killed
         partial.unlink()
     with Results(folder.results, plan.size) as results:
-        jobs = (sweep_job(plan, folder, run) for run in plan.runs() if not results.has(run))
+        jobs = (sweep_job(plan, folder, run) for run in shard.runs(plan) if not results.has(run))
         done = results.count
         for row in imap_rows(engine, jobs, work):
             results.append(row)
