@@ -126,7 +126,7 @@ class Ros:
         modules = {
             "rclpy": {},
             "rclpy.lifecycle": lifecycle,
-            "geometry_msgs.msg": {"PointStamped": SimpleNamespace},
+            "geometry_msgs.msg": {"PointStamped": SimpleNamespace, "TwistStamped": SimpleNamespace},
             "sensor_msgs.msg": {"JointState": lambda: blank("sensor_msgs/msg/JointState")},
             "std_srvs.srv": {"Trigger": trigger},
         }
@@ -146,6 +146,13 @@ def position(ros, place):
     message = blank("geometry_msgs/msg/PointStamped")
     message.header.stamp = ros.stamp()
     message.point.x, message.point.y = map(float, place)
+    return message
+
+
+def moves(ros, velocity):
+    message = blank("geometry_msgs/msg/TwistStamped")
+    message.header.stamp = ros.stamp()
+    message.twist.linear.x, message.twist.linear.y = velocity
     return message
 
 
@@ -184,6 +191,17 @@ def test_a_node_that_is_configured_and_active_brings_a_vehicle_onto_its_line(mon
     ros.timer()
     assert ros.published[-1].position[2] == 0.0  # at the end the vehicle stops
     assert serialised(ros.published[-1], "sensor_msgs/msg/JointState")
+
+
+def test_the_velocity_of_a_receiver_reaches_the_guidance_east_then_north(monkeypatch):
+    ros = Ros()
+    node = ros.install(monkeypatch)
+    node.on_configure(None)
+    node.on_activate(None)
+    ros.callbacks["trailer/velocity"](moves(ros, (1.0, -0.25)))
+    (sample,) = node.samples
+    assert sample.sensor == "velocity_trailer"
+    assert sample.value[:2] == (1.0, -0.25)
 
 
 def test_an_inactive_node_sends_a_last_command_without_drive_and_no_more(monkeypatch):

@@ -53,9 +53,10 @@ SENSOR_PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
             "angle_nonlinearity_pct": 0.5,
         },
         # RTK as data sheets state it (8 mm + 1 ppm, horizontal), white, at the axle points; angle
-        # sensors of 0.3 deg, assumed; IMU.
+        # sensors of 0.3 deg, assumed; velocity of the receivers, IMU.
         "good": {
             "gnss_sd_m": 0.008,
+            "gnss_velocity": "doppler",
             "angle_sd_deg": 0.3,
             "imu": {"on": True},
         },
@@ -132,7 +133,7 @@ class SensorSpecification:
     """Preset that gives the absent keys of a file: "paper", white noise at the axle points;
     "rtk", the same noise with velocities, angle sensors of 12 bits and an IMU on each body;
     "field", receivers under an open sky, late, antennas on masts, an IMU, and angle sensors
-    with an offset; or "good", RTK of 8 mm, angle sensors of 0.3 deg and an IMU
+    with an offset; or "good", RTK of 8 mm, velocities, angle sensors of 0.3 deg, an IMU
     (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""
     gnss_rate_hz: RateHz = 5.0
     """Sampling rate of both RTK receivers."""

@@ -5,13 +5,14 @@ positions and joint states into commands; beyond the end of the line, and inacti
 that moves the vehicle.
 
 Topics: `tractor/position`, `trailer/position` (geometry_msgs/PointStamped, map frame),
+`tractor/velocity`, `trailer/velocity` (geometry_msgs/TwistStamped, map frame; optional),
 `joint_states` (sensor_msgs/JointState) in, `commands` (sensor_msgs/JointState) out. The service
 `~/resume` (std_srvs/Trigger) lets a stopped vehicle drive on.
 """
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import PointStamped, TwistStamped
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -27,6 +28,10 @@ ANGLES = {
 POSITIONS = {
     "tractor/position": Sensor.GNSS_TRACTOR,
     "trailer/position": Sensor.GNSS_TRAILER,
+}
+VELOCITIES = {
+    "tractor/velocity": Sensor.VELOCITY_TRACTOR,
+    "trailer/velocity": Sensor.VELOCITY_TRAILER,
 }
 VEHICLE = (
     "wheelbase",
@@ -88,6 +93,15 @@ class GuidanceNode(LifecycleNode):
             )
             for topic, sensor in POSITIONS.items()
         ]
+        self.inputs += [
+            self.create_subscription(
+                TwistStamped,
+                topic,
+                lambda message, sensor=sensor: self.on_velocity(message, sensor),
+                10,
+            )
+            for topic, sensor in VELOCITIES.items()
+        ]
         self.inputs.append(self.create_subscription(JointState, "joint_states", self.on_joints, 50))
         self.service = self.create_service(Trigger, "~/resume", self.on_resume)
         return TransitionCallbackReturn.SUCCESS
@@ -118,6 +132,12 @@ class GuidanceNode(LifecycleNode):
         """Take in the position of an axle point in the map frame [m]: x east, y north."""
         point = message.point
         self.samples.append(Measurement(seconds(message.header.stamp), sensor, (point.x, point.y)))
+
+    def on_velocity(self, message: TwistStamped, sensor: Sensor) -> None:
+        """Take in the velocity of a receiver [m/s] by Doppler: x east, y north; it states no sd."""
+        linear = message.twist.linear
+        value = (linear.x, linear.y, 0.0)
+        self.samples.append(Measurement(seconds(message.header.stamp), sensor, value))
 
     def on_joints(self, message: JointState) -> None:
         """Take in angles [rad], counter-clockwise, and the speed of the rear wheels [rad/s]."""
