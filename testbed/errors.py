@@ -6,6 +6,12 @@ def first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
+def install_hint(extra: str) -> str:
+    """Return the command that installs an optional dependency into the checkout."""
+    # The empty variable keeps pip from replacing the editable `ttempc` by a copy.
+    return f"in the checkout: TTEMPC_LIBRARY= .venv/bin/pip install -e '.[{extra}]'"
+
+
 class TestbedError(Exception):
     """Base class of all errors that the testbed raises deliberately."""
 

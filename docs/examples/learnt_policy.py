@@ -95,15 +95,17 @@ def gains_of(parameters: FloatArray) -> Gains:
     }
 
 
-def _episode(environment: Any, gains: FloatArray, seed: int) -> float:
-    """Return the mean reward of a period in a run of a policy with `gains` (3, n)."""
+def _episode(environment: Any, gains: FloatArray, seed: int, periods: int) -> float:
+    """Return the mean reward of a period under `gains` (3, n); after an early end it is 0."""
     observation, _ = environment.reset(seed=seed)
-    total, count, ended = 0.0, 0, False
+    total = 0.0
+    ended = False
     while not ended:
         action = np.clip(gains @ observation, -1.0, 1.0)
         observation, reward, terminated, truncated, _ = environment.step(action)
-        total, count, ended = total + float(reward), count + 1, terminated or truncated
-    return total / count
+        total += float(reward)
+        ended = terminated or truncated
+    return total / periods
 
 
 def train(
@@ -140,7 +142,8 @@ def train(
         rewards = []
         for candidate in (*candidates, np.zeros(DIMENSION)):
             gains = matrix(gains_of(candidate))
-            rewards.append(float(np.mean([_episode(trial, gains, run_seed) for trial in trials])))
+            found = [_episode(trial, gains, run_seed, periods) for trial in trials]
+            rewards.append(float(np.mean(found)))
         *rewards, alone = rewards
         search.tell([(x, -value) for x, value in zip(candidates, rewards, strict=True)])
         print(f"{generation:3d} best {max(rewards):8.4f}, pid alone {alone:8.4f}", flush=True)

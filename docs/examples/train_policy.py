@@ -11,7 +11,6 @@ Schulman et al. (2017), "Proximal policy optimization algorithms", arXiv:1707.06
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -39,11 +38,7 @@ _SIZES: Final = np.array([*SIZES.values()], np.float32)
 
 
 def environment(scenario: str, periods: int) -> gymnasium.Env:
-    """Return the environment whose observations are the entries of `SIZES`, divided by them.
-
-    The reward is minus the root of its cost, near to a distance: that of a lost vehicle, thousands,
-    would drown what a policy gains by centimetres.
-    """
+    """Return the environment whose observations are the entries of `SIZES`, divided by them."""
     made = gymnasium.make(
         ENVIRONMENT_ID,
         max_episode_steps=periods,
@@ -58,8 +53,7 @@ def environment(scenario: str, periods: int) -> gymnasium.Env:
     def entries(observation: np.ndarray) -> np.ndarray:
         return np.clip(observation[_PLACES] / _SIZES, -10.0, 10.0)
 
-    made = gymnasium.wrappers.TransformObservation(Monitor(made), entries, space)
-    return gymnasium.wrappers.TransformReward(made, lambda reward: -math.sqrt(-reward))
+    return gymnasium.wrappers.TransformObservation(Monitor(made), entries, space)
 
 
 def train(scenarios: Sequence[str], periods: int, steps: int, seed: int) -> Gains:

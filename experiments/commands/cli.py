@@ -75,10 +75,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return parsed.command(parsed)
     except (ExperimentError, TestbedError, TtempcError) as error:
         return _refuse(str(error))
-    except KeyboardInterrupt:
-        print(
-            "ttempc: interrupted; the log of an unfinished run is its *.mcap.part", file=sys.stderr
-        )
+    except KeyboardInterrupt as error:
+        # A run whose log was cut says where it is; a film or a page leaves nothing behind.
+        told = "; ".join(["interrupted", *getattr(error, "__notes__", ())])
+        print(one_line(f"ttempc: {told}"), file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of the output has closed it, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

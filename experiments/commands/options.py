@@ -248,6 +248,7 @@ PICTURE: Final = (
         help="draw a translucent vehicle where the reference is, or where that of another run is; "
         "may be repeated",
     ),
+    option("--no-display", action="store_true", help="leave out texts, bars and legend"),
     option("--from", type=number, dest="begin_s", metavar="S", help="start [s] (default: of log)"),
     option("--to", type=number, dest="end_s", metavar="S", help="end [s] (default: of the log)"),
     SPEED.but(default=8.0, help="simulated seconds per second of film (default: 8)"),

@@ -53,6 +53,7 @@ def render(arguments: argparse.Namespace) -> int:
         end_s=arguments.end_s,
         speed=arguments.speed,
         size=arguments.size,
+        display=not arguments.no_display,
     )
     film = Film.of(log, settings, arguments.ghost)
     with progress(film.frames, file.name, "frame", shown=film.frames > 1) as count:

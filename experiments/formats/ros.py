@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, cast
 
-from ...testbed.errors import first_line
+from ...testbed.errors import first_line, install_hint
 from ..errors import MissingExtra, UnreadableFile
 from .mapping import FormatMap
 from .table import COLUMNS, ForeignFile, Rows, Table
@@ -41,7 +41,7 @@ def read_bag(path: Path, mapping: FormatMap) -> ForeignFile:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise MissingExtra(
-            f"{path}: bags of ROS need the package rosbags: pip install 'rosbags>=0.10,<0.12'"
+            f"{path}: bags of ROS need the package rosbags; {install_hint('ros2')}"
         ) from None
     _check_size(path)
     rows = Rows()

@@ -11,7 +11,7 @@ import numpy as np
 import pandas
 
 from ...testbed.atomic_write import partial_path
-from ...testbed.errors import LogError
+from ...testbed.errors import LogError, install_hint
 from ...testbed.log.reader import Content, record_of
 from ...testbed.log.scene import motion_of
 from ...testbed.recording import channels as ch
@@ -38,9 +38,7 @@ def export_log(content: Content, place: Path, form: Format) -> list[Path]:
     """
     refuse_existing(place, partial_path(place))
     if form == "parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise MissingExtra(
-            "--format parquet: needs pyarrow, pip install 'ttempc-proving-ground[export]'"
-        )
+        raise MissingExtra(f"--format parquet: needs pyarrow; {install_hint('export')}")
     frames = frames_of(content)
     if not any(map(len, frames.values())):
         raise LogError(f"{content.path}: holds no rows")

@@ -163,9 +163,10 @@ def user_stage(settings: StageSettings, generator: np.random.Generator) -> Stage
 def refuse_untrusted(
     file: Path, parts: Iterable[tuple[str, str]], changes: Mapping[str, Any]
 ) -> None:
-    """Refuse a scenario file that names code which the user's own changes do not name.
+    """Refuse a file that names code which the changes to it do not name.
 
-    `parts` are as of `named_parts`, `changes` the tables that the user gave on the command line.
+    `file` is how a message names it, `parts` are as of `named_parts`, `changes` the tables that the
+    user gave on the command line, or that a study gave.
 
     Raises:
         InvalidScenario: with the name of the code, and what allows it.
@@ -175,7 +176,7 @@ def refuse_untrusted(
         if is_user_code(name) and name not in own:
             raise InvalidScenario(
                 f"{file}: {key} = {name!r} is code that this file asks to run; if you trust it, "
-                "give --trust, or name it yourself with --controller or --set"
+                "give --trust, or name it yourself where the command has --controller or --set"
             )
 
 

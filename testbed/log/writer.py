@@ -117,6 +117,7 @@ class LogWriter(Publisher):
             # The exception that ended the run is more useful than one of closing the file.
             with contextlib.suppress(OSError):
                 self._finish()
+            error.add_note(f"the log up to then is {self.part}")
 
     def _finish(self) -> None:
         """Write the rest and the index, flush to the disk and close the file."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from ..errors import LiveError
+from ..errors import LiveError, install_hint
 from ..messages.encoding import Encoded, TimesNs
 from ..messages.publisher import Publisher, topics_of
 from ..messages.scenery import Scenery
@@ -92,9 +92,7 @@ class LiveView(Publisher):
             import foxglove
             from foxglove.websocket import Capability
         except ImportError:
-            raise LiveError(
-                "live view: needs foxglove-sdk, pip install 'ttempc-proving-ground[live]'"
-            ) from None
+            raise LiveError(f"live view: needs foxglove-sdk; {install_hint('live')}") from None
         listener = _listener(port)
         self._speed = speed
         self._due_ns = 0

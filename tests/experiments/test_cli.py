@@ -169,7 +169,7 @@ def test_termination_is_an_interrupt(monkeypatch, capsys):
     monkeypatch.setattr(Parsed, "command", staticmethod(terminate), raising=False)
     before = signal.getsignal(signal.SIGTERM)
     assert main(["list"]) == 130
-    assert capsys.readouterr().err.startswith("ttempc: interrupted")
+    assert capsys.readouterr().err == "ttempc: interrupted\n"  # no log was cut
     assert signal.getsignal(signal.SIGTERM) is before
 
 
@@ -258,6 +258,18 @@ def test_code_that_a_file_names_runs_only_on_trust(here, capsys):
     (here / "theirs.toml").write_text('[controller]\nname = "evil:make"')
     line = ["run", "theirs.toml", "--controller", "evil:make", "--out", "new"]
     assert raised in refusal(capsys, *line)
+
+
+def test_code_that_a_study_names_is_refused_with_the_name_of_the_study(here, capsys):
+    (here / "mine.py").write_text("raise SystemExit(0)\n")
+    axis = '[[axis]]\nkind = "list"\nkey = "controller"\nvalues = ["mine:make"]\n'
+    setting = '[set]\ncontroller.name = "mine:make"\n'
+    for name, table in (("of-axis", axis), ("of-set", setting)):
+        (here / f"{name}.toml").write_text(f'scenario = "grass"\n{table}')
+        said = refusal(capsys, "sweep", f"{name}.toml", "--dry-run")
+        assert f"{name}.toml: controller.name = 'mine:make'" in said
+        assert "grass.toml" not in said
+    assert "mine" not in sys.modules
 
 
 def test_the_example_of_the_docs_draws_the_figures_of_the_paper(finished, tmp_path, monkeypatch):

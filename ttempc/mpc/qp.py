@@ -282,8 +282,8 @@ class DaqpSolver:
             from daqp import Model
         except ImportError:
             raise MissingPackage(
-                "the QP solver DAQP is not installed: pip install 'ttempc[baselines]', or set "
-                "controller.options.solver to 'piqp'"
+                "the QP solver DAQP is not installed; in the checkout: .venv/bin/pip install -e "
+                "'./ttempc[baselines]', or set controller.options.solver to 'piqp'"
             ) from None
         self._new_model = Model
         self._model = None

@@ -9,4 +9,5 @@ ENVIRONMENT_ID: Final = "proving_ground/FieldTrial-v3"
 gymnasium.register(
     ENVIRONMENT_ID,
     entry_point="proving_ground.experiments.interfaces.gym_env.environment:FieldTrial",
+    vector_entry_point="proving_ground.experiments.interfaces.gym_env.vector:field_trials",
 )

@@ -36,13 +36,10 @@ from ...scenario.scenario import parse_overrides, read_scenario
 from .policy import ESTIMATE_NAMES, EstimateObserver, add_residual, bounds, half_range
 
 ERROR_M: Final = 0.1
-"""Distance of both points from their reference that costs 1; assumed."""
+"""Distance of both points from their reference that halves the reward; assumed."""
 
 EFFORT: Final = 0.1
 """Cost where all commands change as fast as the vehicle allows; assumed: as an error of 3 cm."""
-
-LARGEST_COST: Final = 100.0
-"""Of a period: as large as that of an error of 1 m; assumed."""
 
 _LEFT_OUT: Final = (prepare, log_truth, log_timing)  # of real time and the log
 _SEEDS: Final = 2**32  # as of `ttempc run --seed`
@@ -57,18 +54,19 @@ def _one_of(given: object, *allowed: object) -> bool:
     return any(type(given) is type(one) and given == one for one in allowed)
 
 
-def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int) -> float:
-    """Return the reward of a period.
+def reward(errors_m: Sequence[float], change: Sequence[float]) -> float:
+    """Return the reward of a period, above 0 and at most 1.
 
-        reward = -min(mean((e / ERROR_M)^2) + EFFORT mean(c^2), LARGEST_COST)
+        reward = 1 / (1 + mean((e / ERROR_M)^2) + EFFORT mean(c^2))
 
-    The periods that are left when a vehicle is lost have the largest cost, so that no policy gains
-    by ending its run early. `errors_m`: true distances e of both points from their references;
-    `change`: those c of the commands in a period, as shares of the largest ones.
+    It is bounded without a limit that hides which of two large errors is larger. It is never
+    negative, and a run that ends early has no further rewards: no policy gains by ending one.
+    `errors_m`: true distances e of both points from their references; `change`: those c of the
+    commands in a period, as shares of the largest ones.
     """
     error = sum(e * e for e in errors_m) / (len(errors_m) * ERROR_M**2)
     effort = sum(c * c for c in change) / len(change)
-    return -min(error + EFFORT * effort, LARGEST_COST) - LARGEST_COST * periods_lost
+    return 1.0 / (1.0 + error + EFFORT * effort)
 
 
 class FieldTrial(gymnasium.Env[Entries, Entries]):
@@ -100,6 +98,9 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
     """
 
     observation_names = ESTIMATE_NAMES
+    max_episode_steps: int
+    """Control periods of the whole reference; waiting for the vehicle adds to them."""
+
     metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 - Gymnasium's own
 
     def __init__(
@@ -143,7 +144,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         self._scenario = source.scenario(changes, changed_by="overrides")
         if not trust:
             refuse_untrusted(source.file, named_parts(self._scenario), changes)
-        check(self._scenario)
+        self.max_episode_steps = check(self._scenario)
         self._residual = action == "residual"
         self._share = residual_share
         vehicles = self._scenario.vehicles()
@@ -261,9 +262,8 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         previous, self._sent = self._sent, sent
         errors = self._errors_m()
         ended_early = outcome is not None and outcome.status != "completed"
-        left = self._ticks - self._guidance.reference_tick if ended_early else 0
         change = ((self._sent - previous) / self._limits.step).tolist()
-        gained = reward(errors, change, left)
+        gained = reward(errors, change)
         info: dict[str, Any] = {"tractor_error_m": errors[0], "trailer_error_m": errors[1]}
         if self._tick.fallback:
             info["fallback"] = self._tick.fallback

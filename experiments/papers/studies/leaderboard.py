@@ -166,7 +166,7 @@ def entry(card: ScoreCard) -> str:
 
 
 def headline(shown: Sequence[ScoreCard]) -> Block:
-    """Return the short table of README from the cards of `HEADLINE`, and who is ahead where."""
+    """Return the short table of results from the cards of `HEADLINE`, and who is ahead where."""
     first = shown[0]
     lines = [
         (
@@ -187,7 +187,7 @@ def headline(shown: Sequence[ScoreCard]) -> Block:
         f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
         f"not complete counts {LOSS_M:g} m; oracle: a drive that knew all beforehand, no proven "
         f"optimum; level: within {MARGIN:.0%} or not told apart; `ttempc bench NAME`; "
-        "[all entries and intervals](docs/results.md#benchmark)</sub>"
+        "all entries and intervals below</sub>"
     )
     home = (_percent(card.score.home) for card in shown)
     runs = len(_ABOUT) * first.draws.count

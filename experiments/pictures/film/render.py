@@ -17,7 +17,7 @@ from PIL import Image
 from ttempc.types import FloatArray
 
 from ....testbed.atomic_write import atomic_write, partial_path
-from ....testbed.errors import NoGraphics
+from ....testbed.errors import NoGraphics, install_hint
 from ....testbed.viewers.off_screen import graphics_context
 from ...errors import InvalidFilm, MissingExtra
 from ...output import refuse_existing
@@ -90,19 +90,20 @@ class Film:
         return len(self.times)
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the frames in order, each its views side by side and the display."""
+        """Yield the frames in order: views side by side, and the display where it is asked for."""
         settings = self.settings
         cameras = _SPLIT if settings.camera == "split" else (settings.camera,)
         make = PlanView if settings.camera == "plan" else MujocoScene
         speed = settings.speed if settings.at_s is None else 0.0
         hud = Hud(self.run, settings.pixels, speed, self.ghosts)
-        width, height = hud.view_size
+        width, height = hud.view_size if settings.display else hud.size
         view = make(self.run, settings, (width // len(cameras), height), self.ghosts)
         for time_s in self.times.tolist():
             image = Image.new("RGB", hud.size, DARK)
             views = [view.picture(name, time_s) for name in cameras]
             image.paste(Image.fromarray(np.hstack(views)))
-            hud.draw_onto(image, time_s)
+            if settings.display:
+                hud.draw_onto(image, time_s)
             yield np.asarray(image)
 
     def write(self, file: Path, on_frame: Callable[[], object] = lambda: None) -> None:
@@ -161,7 +162,7 @@ def _check_codec() -> None:
         import av
     except ImportError:
         raise MissingExtra(
-            ".mp4: needs PyAV, pip install 'ttempc-proving-ground[film]'; .webp does not"
+            f".mp4: needs PyAV, which .webp does not; {install_hint('film')}"
         ) from None
     if _CODEC not in av.codecs_available:
         raise InvalidFilm(f"no H.264 encoder ({_CODEC}) in PyAV {av.__version__}: pip install av")

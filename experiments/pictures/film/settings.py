@@ -31,6 +31,7 @@ class FilmSettings:
     end_s: float | None = None  # None: end of the log
     speed: float = 8.0  # seconds of the run per second of film
     size: tuple[int, int] | None = None  # width, height [pixels]; None: 1280, 720
+    display: bool = True  # texts, bars and legend; without them the picture fills the frame
 
     def __post_init__(self) -> None:
         if self.camera not in CAMERAS:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from multiprocessing import connection
 from typing import Any, Final, TypeVar
 
+from ....testbed.errors import install_hint
 from ....testbed.recording.provenance import code_digest, versions
 from ...errors import SweepRefused, SweepStopped
 from ...numerics import ONE_THREAD
@@ -189,9 +190,7 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 @contextlib.contextmanager
 def _cluster(address: str) -> Iterator[Engine]:
     if importlib.util.find_spec("distributed") is None:
-        raise SweepRefused(
-            f"scheduler {address}: needs Dask: pip install 'ttempc-proving-ground[cluster]'"
-        )
+        raise SweepRefused(f"scheduler {address}: needs Dask; {install_hint('cluster')}")
     from distributed import Client
     from distributed.comm.addressing import get_address_host_port
     from distributed.scheduler import KilledWorker

@@ -255,7 +255,7 @@ class SweepPlan:
                 _set(tables, key, value)
             scenario = draft.scenario(tables)
             if not self._trusted:
-                refuse_untrusted(draft.file, named_parts(scenario), {})
+                self._refuse_code(draft, scenario, tables)
         except ExperimentError as error:
             raise self._refusal(changes, error) from None
         axes = {
@@ -263,6 +263,15 @@ class SweepPlan:
             for key, label in changes.items()
         }
         return Setting(draft.name, scenario, axes)
+
+    def _refuse_code(
+        self, draft: ScenarioFile, scenario: Scenario, changes: Mapping[str, Any]
+    ) -> None:
+        """Refuse code that nobody trusted, with the name of the file that names it."""
+        parts = named_parts(scenario)
+        refuse_untrusted(draft.file, parts, changes)
+        # What is left is named by the study, in [set] or an axis.
+        refuse_untrusted(Path(f"{self.name}.toml"), parts, {})
 
     def _draft(self, name: str) -> ScenarioFile:
         if name not in self._drafts:

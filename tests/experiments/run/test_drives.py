@@ -53,7 +53,7 @@ def test_without_daqp_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path)
     assert not folder.exists()
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "pip install 'ttempc[baselines]'" in said
+    assert "pip install -e './ttempc[baselines]'" in said
 
 
 AT_WORKING_SPEED = [name for name in shipped() if name.startswith(("work-", "fast-"))]

@@ -74,7 +74,10 @@ def test_any_other_end_leaves_a_readable_part(tmp_path):
         folder.mkdir()
         log = writer(folder / "log.mcap")
         feed(log, 1.0)
-        log.__exit__(error, error(), None)
+        ended = error()
+        log.__exit__(error, ended, None)
+        part = folder / "log.mcap.part"
+        assert part.exists() == any(str(part) in note for note in getattr(ended, "__notes__", ()))
         assert (folder / "log.mcap").exists() == (error is PlantDiverged), "an end by design"
         assert len(read_log(folder)[STATE]) == 25
 

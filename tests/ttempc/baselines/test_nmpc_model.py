@@ -165,6 +165,6 @@ def test_the_condensed_qp_has_the_cost_of_the_linearised_outputs():
 def test_refused_in_one_line_where_daqp_is_not_installed(name, monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
     reference = Reference(straight(30.0), VEHICLE, ConstantSpeed(1.0))
-    with pytest.raises(MissingPackage, match=r"pip install 'ttempc\[baselines\]'"):
+    with pytest.raises(MissingPackage, match=r"pip install -e './ttempc\[baselines\]'"):
         make_controller(name, VEHICLE, reference, PERIOD_S)
     make_controller(name, VEHICLE, reference, PERIOD_S, options={"solver": "piqp"})

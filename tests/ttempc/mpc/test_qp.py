@@ -250,7 +250,7 @@ def test_a_result_beyond_its_bounds_is_refused_though_its_solver_calls_it_solved
 
 def test_a_solver_that_is_not_installed_is_refused_with_the_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
-    with pytest.raises(MissingPackage, match=r"pip install 'ttempc\[baselines\]'"):
+    with pytest.raises(MissingPackage, match=r"pip install -e './ttempc\[baselines\]'"):
         CheckedSolver("daqp")
 
 

@@ -14,7 +14,6 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from proving_ground.experiments.errors import BadOptions, InvalidScenario
 from proving_ground.experiments.interfaces.gym_env.environment import (
-    LARGEST_COST,
     FieldTrial,
     reward,
 )
@@ -195,7 +194,7 @@ def test_a_lost_vehicle_ends_the_run_and_never_pays():
     assert info["status"] in ("stopped", "lost")
     assert info["failure"]
     assert periods < 150  # the path takes 30 s
-    assert total < -LARGEST_COST * (150 - periods)
+    assert 0.0 < total < periods  # each from 0 to 1, and none for what is left
     with pytest.raises(ResetNeeded):
         environment.step(np.zeros(3))
 
@@ -232,12 +231,40 @@ def test_options_are_refused_in_a_line_and_code_of_a_file_needs_trust(tmp_path):
         FieldTrial("grass", STRAIGHT).reset(seed=2**32)
 
 
-def test_the_reward_is_0_at_best_and_an_early_end_is_the_worst():
-    assert reward((0.0, 0.0), (0.0, 0.0, 0.0), 0) == 0.0
-    assert reward((0.1, 0.1), (0.0, 0.0, 0.0), 0) == pytest.approx(-1.0)
-    assert reward((0.1, 0.0), (0.0, 0.0, 0.0), 0) == pytest.approx(-0.5)
-    assert reward((0.1, 0.1), (1.0, -1.0, 1.0), 0) == pytest.approx(-1.1)
-    worst = reward((50.0, 50.0), (1.0, 1.0, 1.0), 0)
-    assert worst == -LARGEST_COST
-    for left in (1, 7):
-        assert reward((0.0, 0.0), (0.0, 0.0, 0.0), left) <= left * worst
+def test_the_reward_falls_from_1_with_the_error_and_never_reaches_0():
+    still = (0.0, 0.0, 0.0)
+    assert reward((0.0, 0.0), still) == 1.0
+    assert reward((0.1, 0.1), still) == pytest.approx(0.5)
+    distances = (0.01, 0.1, 1.0, 10.0, 1000.0)
+    found = [reward((distance, distance), still) for distance in distances]
+    assert found == sorted(found, reverse=True)
+    assert found[-1] > 0.0
+    assert reward((0.1, 0.0), still) == reward((0.0, 0.1), still) > 0.5
+    assert reward((0.1, 0.1), (1.0, -1.0, 1.0)) < 0.5
+
+
+def test_an_episode_has_as_many_steps_as_told(driven):
+    environment = FieldTrial("grass", STRAIGHT)
+    assert environment.max_episode_steps == len(driven[1][CONTROL].time_s)
+
+
+def test_a_vector_steps_each_run_as_alone():
+    """The second environment of a vector that is reset with a seed drives the next seed."""
+    action = np.array([0.1, -0.1, 0.3], np.float32)
+    alone = []
+    for seed in (SEED, SEED + 1):
+        environment = FieldTrial("grass", STRAIGHT)
+        environment.reset(seed=seed)
+        alone.append([environment.step(action)[:2] for _ in range(3)])
+    vector = gymnasium.make_vec(ENVIRONMENT, num_envs=2, overrides=STRAIGHT)
+    try:
+        vector.reset(seed=SEED)
+        for k in range(3):
+            observations, rewards, *_ = vector.step(np.stack([action, action]))
+            for place in (0, 1):
+                np.testing.assert_array_equal(observations[place], alone[place][k][0])
+                assert rewards[place] == alone[place][k][1]
+    finally:
+        vector.close()
+    with pytest.raises(BadOptions, match="num_envs"):
+        gymnasium.make_vec(ENVIRONMENT, num_envs=0, overrides=STRAIGHT)

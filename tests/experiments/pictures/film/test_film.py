@@ -14,6 +14,7 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFilm, OutputExists
 from proving_ground.experiments.pictures.film.camera import FIELD_OF_VIEW
 from proving_ground.experiments.pictures.film.mujoco_scene import MujocoScene
+from proving_ground.experiments.pictures.film.plan_view import PlanView
 from proving_ground.experiments.pictures.film.render import Film
 from proving_ground.experiments.pictures.film.settings import FRAME_RATE, FilmSettings
 from proving_ground.testbed.recording.channels import STATE
@@ -147,7 +148,7 @@ def test_an_mp4_without_its_encoder_is_refused_and_a_webp_needs_none(
     assert "no H.264 encoder" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "av", None)
     assert main(line) == 2
-    assert "pip install 'ttempc-proving-ground[film]'" in capsys.readouterr().err
+    assert "pip install -e '.[film]'" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
     settings = FilmSettings(camera="plan", begin_s=2.0, end_s=3.6, speed=4.0, size=SMALL)
     file = tmp_path / "plan.webp"
@@ -196,3 +197,10 @@ def test_bad_input_is_refused_in_one_line(log, tmp_path, monkeypatch, capsys):
         assert printed.out == ""
     assert sorted(tmp_path.iterdir()) == before
     assert (tmp_path / "taken.mp4").read_text() == "mine"
+
+
+def test_without_its_display_a_picture_fills_the_frame(log, playback):
+    settings = FilmSettings(camera="plan", at_s=3.0, size=SMALL, display=False)
+    (picture,) = Film.of(log, settings).pictures()
+    view = PlanView(playback, settings, SMALL, ())
+    np.testing.assert_array_equal(picture, view.picture("plan", 3.0))
