@@ -13,12 +13,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
 
 from ..errors import InvalidPath
 from ..jit import cached_njit
 from ..types import FloatArray
 from ..vehicle import Vehicle
+from .hermite import CubicHermite
 from .path import Path
 from .posture import Posture, place_on, posture_on_path, unit
 
@@ -38,20 +38,20 @@ _BESIDE_M: Final = 0.05  # between the places of the line that are compared with
 class Tow:
     """Angles of a towed trailer along a path, by the arc length of the tractor point."""
 
-    fold: CubicHermiteSpline  # lambda = psi_t - psi_i [rad]
-    steering: CubicHermiteSpline  # delta_i [rad]
+    fold: CubicHermite  # lambda = psi_t - psi_i [rad]
+    steering: CubicHermite  # delta_i [rad]
     lap_m: float  # period of both [m]; infinite for an open path
 
     def at(self, distance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return lambda, delta_i [rad] and their derivatives [rad/m] at arc lengths (...) [m]."""
-        first, last = self.fold.x[[0, -1]]
+        first, last = self.fold.knots[[0, -1]]
         inside = distance
         if math.isfinite(self.lap_m):
             inside = distance - self.lap_m * np.floor(distance / self.lap_m)
         inside = np.clip(inside, first, last)
-        fold = self.fold(inside)
-        steering = self.steering(inside)
-        return fold, steering, self.fold(inside, 1), self.steering(inside, 1)
+        fold, fold_per_m = self.fold.at(inside)
+        steering, steering_per_m = self.steering.at(inside)
+        return fold, steering, fold_per_m, steering_per_m
 
 
 @functools.lru_cache(maxsize=16)
@@ -99,8 +99,8 @@ def tow(path: Path, vehicle: Vehicle, behind_m: float | None = None) -> Tow | No
     _check_fold(path, at, fold, fold - steering[::2])
     kept = at >= -_STEP_M if path.laps else np.full(len(at), True)
     return Tow(
-        CubicHermiteSpline(at[kept], fold[kept], slope[kept]),
-        CubicHermiteSpline(at[kept], steering[::2][kept], steering_per_m[::2][kept]),
+        CubicHermite(at[kept], fold[kept], slope[kept]),
+        CubicHermite(at[kept], steering[::2][kept], steering_per_m[::2][kept]),
         path.lap_m if path.laps else math.inf,
     )
 

@@ -73,7 +73,8 @@ def png(figure: Figure, dpi: float = DPI) -> bytes:
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     buffer = io.BytesIO()
     # A palette makes the file three times smaller, invisibly in a plot of a few colours.
+    # `optimize` takes eight times as long to write and makes it 8 % smaller.
     picture.quantize(_PALETTE, Image.Quantize.MAXCOVERAGE).save(
-        buffer, format="png", optimize=True, dpi=(dpi, dpi)
+        buffer, format="png", dpi=(dpi, dpi)
     )
     return buffer.getvalue()

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from ttempc.types import FloatArray
 
@@ -424,7 +424,7 @@ def histogram(axes: Axes, cost_us: FloatArray, empty: str = "not recorded") -> N
     axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 100.0 * low else (1.0,)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_minor_locator(NullLocator())  # the layout would measure each of their labels
     median, p99 = np.percentile(cost_us, [50.0, 99.0])
     axes.axvline(median, color=BLACK, linewidth=1.0)
     axes.axvline(p99, color=RED, linewidth=1.0, linestyle="--")
