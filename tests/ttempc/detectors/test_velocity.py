@@ -12,6 +12,7 @@ from ttempc.layout import FLOAT
 from ttempc.types import Estimate, Measurement, Sensor
 
 NAMES = [BUILT_IN[index].name for index in (DetectorIndex.VELOCITY, DetectorIndex.VELOCITY_SURE)]
+CLOCK = BUILT_IN[DetectorIndex.CLOCK].name
 BODIES = ("tractor", "trailer")
 START_S = 30.0
 
@@ -19,19 +20,20 @@ START_S = 30.0
 class Receivers:
     """Two receivers on a vehicle that drives east on a weaving line, with white errors."""
 
-    def __init__(self, seed=1, velocity_sd=0.03, floats=False):
+    def __init__(self, seed=1, velocity_sd=0.03, floats=False, ageing=0.0):
         self.rng = np.random.default_rng(seed)
-        self.monitors = Monitors(NAMES)
+        self.monitors = Monitors([*NAMES, CLOCK])
+        self.ageing = ageing  # by which the delay of the samples grows [s/s] from `START_S` on
         self.velocity_sd = velocity_sd
         self.floats = floats  # for two seconds from the start of the error on
 
     def first(self, error, seconds=60.0):
         """Drive with an error of the positions (2,) as a function of the time since its start.
 
-        Returns the times of the first two limits [s] since then, NaN where they are not reached,
-        and the alarms at the end.
+        Returns the times of both limits and of the clock's alarm [s] since then, NaN where they are
+        not reached, and the alarms at the end.
         """
-        limits = dict.fromkeys(NAMES, np.nan)
+        limits = dict.fromkeys([*NAMES, CLOCK], np.nan)
         alarms = ()
         for k in range(round((START_S + seconds) / PERIOD_S)):
             since_s = k * PERIOD_S - START_S
@@ -46,6 +48,7 @@ class Receivers:
         place = np.array([time_s, np.sin(0.3 * time_s)])
         velocity = np.array([1.0, 0.3 * np.cos(0.3 * time_s)])
         status = FLOAT if self.floats and START_S <= time_s < START_S + 2.0 else 1
+        time_s += self.ageing * max(0.0, time_s - START_S)  # stamped on arrival
         samples = []
         for body in BODIES:
             at = place + wrong + self.rng.normal(0.0, 0.03, 2)
@@ -59,7 +62,7 @@ class Receivers:
 @pytest.mark.parametrize("direction", [0.0, 2.0, 4.0])
 def test_a_drift_slows_the_vehicle_then_stops_it_whatever_its_direction(direction):
     along = np.array([np.cos(direction), np.sin(direction)])
-    (slow_s, stop_s), alarms = Receivers().first(lambda t: 0.03 * t * along, seconds=30.0)
+    (slow_s, stop_s, _), alarms = Receivers().first(lambda t: 0.03 * t * along, seconds=30.0)
     assert 0.0 < slow_s < stop_s < 15.0
     assert [alarm.reaction for alarm in alarms] == [Reaction.SLOW, Reaction.STOP_ON_PATH]
     assert float(alarms[-1].reason.split()[3]) == pytest.approx(3.0, abs=1.0)
@@ -67,10 +70,10 @@ def test_a_drift_slows_the_vehicle_then_stops_it_whatever_its_direction(directio
 
 
 def test_a_faster_drift_is_found_sooner_and_a_step_of_thirty_centimetres_is_not_believed():
-    (slow, _), _ = Receivers().first(lambda t: (0.0, 0.03 * t), seconds=20.0)
-    (fast, _), _ = Receivers().first(lambda t: (0.0, 0.10 * t), seconds=20.0)
+    (slow, _, _), _ = Receivers().first(lambda t: (0.0, 0.03 * t), seconds=20.0)
+    (fast, _, _), _ = Receivers().first(lambda t: (0.0, 0.10 * t), seconds=20.0)
     assert fast < slow
-    (_, step), _ = Receivers().first(lambda t: (0.3, 0.0), seconds=20.0)
+    (_, step, _), _ = Receivers().first(lambda t: (0.3, 0.0), seconds=20.0)
     assert step < 3.0
 
 
@@ -99,3 +102,10 @@ def test_an_operator_ends_the_alarm():
     assert not receivers.monitors.alarms
     memory = receivers.monitors.record.view(DETECTORS)[0]["velocity"]
     assert memory["wander_mps"] == 0.002
+
+
+def test_samples_whose_delay_grows_are_named_by_the_clock_long_before():
+    """A stamp that runs late by d moves positions by v d: 2 cm/s here, but no drift."""
+    (slow_s, _, clock_s), _ = Receivers(ageing=0.02).first(lambda t: (0.0, 0.0), seconds=40.0)
+    assert clock_s < 10.0
+    assert slow_s > 1.5 * clock_s
