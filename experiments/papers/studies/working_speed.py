@@ -36,8 +36,6 @@ POINTS: Final[dict[str, WorkingPoint]] = {
     "reverse, 4.3 km/h": WorkingPoint("work-reverse", (), "< 3 (1.4-3.8 km/h)", 2.0),
     "eight, 10 km/h": WorkingPoint("work-eight", (), "–", None),
     "eight, 15 km/h": WorkingPoint("fast-eight", (), "–", None),
-    "slope, 10 km/h": WorkingPoint("work-slope", (), "–", None),
-    "slope, 15 km/h": WorkingPoint("fast-slope", (), "–", None),
 }
 """Working points, all with good receivers and IMUs."""
 

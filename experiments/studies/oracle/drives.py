@@ -1,8 +1,8 @@
 """Oracle of a run: the best of some drives under the same seed, each learning from the last.
 
-The oracle knows the true state and, after its first drive, every disturbance of the run beforehand.
-It steers by a regulator on the true state plus inputs that `learning` finds; limits and lags of the
-actuators act in the plant. No causal controller is expected to reach it. It is not a proven optimum
+The oracle knows the true state, the dead times of the valves and, after its first drive, every
+disturbance of the run beforehand. It steers by a regulator on the true state plus inputs that
+`learning` finds; limits and lags of the actuators act in the plant. No causal controller is expected to reach it. It is not a proven optimum
 either: it is the best of a few drives of one linear law, so that a smaller error may be possible.
 """
 
@@ -26,7 +26,7 @@ from ...results.tracking_errors import BodyError, TrackingErrors, tracking_error
 from ...run.assembly import assemble
 from ...run.shared_parts import SharedParts
 from ...run.simulate import drive_into, summarise_run
-from ...scenario.controller import TRUTH
+from ...scenario.controller import TRUTH, ControllerSettings
 from ...scenario.scenario import Scenario
 from .learning import LinearLoop, learning_step
 
@@ -180,15 +180,7 @@ def oracle(scenario: Scenario, seed: int, part: Part = "all", drives: int = DRIV
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
-    settings = replace(
-        scenario.controller,
-        estimator=TRUTH,
-        options={},
-        learn=False,
-        detect=False,
-        compensate=False,
-    )
-    own = replace(scenario, controller=settings)
+    own = replace(scenario, controller=_controller(scenario))
     parts = SharedParts(terrains=1)
     learner = Learner()
     scores: list[float] = []
@@ -205,6 +197,25 @@ def oracle(scenario: Scenario, seed: int, part: Part = "all", drives: int = DRIV
             best = summary
     assert best is not None
     return Oracle(best, tuple(scores))
+
+
+def _controller(scenario: Scenario) -> ControllerSettings:
+    """Return the settings of a drive: the state and the dead times of the valves are known."""
+    valves = scenario.actuators
+    model = replace(
+        scenario.controller.vehicle,
+        front_dead_time_s=valves.front.dead_time_s,
+        trailer_dead_time_s=valves.trailer.dead_time_s,
+        hydrostat_dead_time_s=valves.hydrostat.dead_time_s,
+    )
+    return replace(
+        scenario.controller,
+        vehicle=model,
+        estimator=TRUTH,
+        options={},
+        learn=False,
+        detect=False,
+    )
 
 
 def working_point(statistics: BodyStatistics) -> ErrorStatistics:
