@@ -29,6 +29,13 @@ from tests.attacks import command, each, isolated, row_bits, short, study
 from tests.experiments.interfaces.serve import test_session
 from tests.experiments.logs.test_import import panda
 
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """Web server that says nothing on stderr."""
+
+    def log_message(self, *words):
+        """Nothing."""
+
+
 ROOT = Path(__file__).resolve().parents[1]
 FULL_BYTES = (0, 1, 4096, 20_000, 100_000, 600_000)  # at which the disk is full
 
@@ -171,7 +178,7 @@ def clusters(folder):
             refused(f"{scheme}://127.0.0.1:{server.getsockname()[1]}", f"silent-{scheme}")
 
     def web():
-        server = http.server.HTTPServer(("127.0.0.1", 0), http.server.SimpleHTTPRequestHandler)
+        server = http.server.HTTPServer(("127.0.0.1", 0), Quiet)
         threading.Thread(target=server.serve_forever, daemon=True).start()
         refused(f"tcp://127.0.0.1:{server.server_port}", "web")
 

@@ -46,7 +46,7 @@ LAG_M: Final = 1.0
 class SafetyLimits:
     """Limits at which a supervisor slows down and stops; all assumed.
 
-    How far the vehicle leaves its path in an outage of GNSS is in the rows "GNSS out" of the table
+    How far the vehicle leaves its path in an outage of GNSS is in the row "GNSS out" of the table
     of docs/appendix/faults.md.
 
     Raises:
