@@ -91,6 +91,7 @@ FORESIGHT: Final = np.dtype(
         ("forecast_power", "f8"),
         ("product", "f8"),
         ("share", "f8"),  # of a forecast that is used, see `_compare`
+        ("explained", "f8"),  # share of the variance of the slip that forecasts explain
         ("expected", EXPECTED),  # of the last `ahead`
     ]
 )
@@ -162,6 +163,12 @@ class Foresight:
     def confidence(self) -> float:
         """Share of a forecast that is used now, from 0 to 1."""
         return _share(self._state)
+
+    def known(self, k: int) -> float:
+        """Return the share of the variance of the trailer's side slip that is foretold now."""
+        share = self._state.view(FORESIGHT)[0]["share"]
+        explained = self._state.view(FORESIGHT)[0]["explained"]
+        return float(explained * self.confidence / share) if share > 0.0 else 0.0
 
     @property
     def expected(self) -> FloatArray:
@@ -497,12 +504,15 @@ def _compare(span: float, slip: float, forecast: float, state: FloatArray) -> No
     s.product += weight * (slip * forecast - s.product)
 
     s.share = 0.0
+    s.explained = 0.0
     if s.product > 0.0 and s.compared_m >= _WARM_UP_M:
         explained = s.product * s.product / (s.forecast_power * s.slip_power)
         independent = s.compared_m / _INDEPENDENT_M
         chance = (1.0 - explained) / (independent * explained)
         slope = min(s.product / s.forecast_power, 1.0)
-        s.share = slope * max(0.0, 1.0 - _DEVIATIONS * _DEVIATIONS * chance)
+        confidence = max(0.0, 1.0 - _DEVIATIONS * _DEVIATIONS * chance)
+        s.share = slope * confidence
+        s.explained = explained * confidence
 
 
 @cached_njit(error_model="numpy", nogil=True)
