@@ -16,7 +16,7 @@ from ..jit import cached_njit, record
 from ..layout import TICK, ControlColumn, new_tick
 from ..models.augmented_state import MAPPED
 from ..mpc.articulated_error import Output, PredictedPath, write_reference_error
-from ..mpc.condensing import Stages, Work, solve_in_closed_form
+from ..mpc.condensing import StageBounds, Stages, Work, solve_in_closed_form
 from ..mpc.lmpc import CondensedHorizon, LinearMpc
 from ..mpc.qp import BOUND_ACTIVE, CLOSED_FORM, CLOSED_FORM_REPORT
 from ..types import Diagnostics, FloatArray, SolverReport, State, TubeReport
@@ -36,8 +36,9 @@ from .law_records import (
     Law,
     new_memory,
 )
+from .reserve import SteeringReserve
 from .robust_action import advance, write_robust_action
-from .tracking_controller import FeedbackLaw, View, total_ahead, write_report
+from .tracking_controller import FeedbackLaw, View, known_share, total_ahead, write_report
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -224,7 +225,12 @@ class ArticulatedLaw(FeedbackLaw):
     """
 
     def __init__(
-        self, law: Law, horizon: CondensedHorizon, path: PredictedPath, lap: float = math.inf
+        self,
+        law: Law,
+        horizon: CondensedHorizon,
+        path: PredictedPath,
+        lap: float = math.inf,
+        relaxed: StageBounds | None = None,  # without a reserve of the trailer's steering
     ) -> None:
         self.law = law
         self.path = path
@@ -235,6 +241,16 @@ class ArticulatedLaw(FeedbackLaw):
         self._memory = new_memory()
         self.report: SolverReport | None = None  # of this tick's QP; None: answered in closed form
         self._last: tuple[FloatArray, ...] = ()  # estimate and command, of a step
+        # Bounds of this law's own: those of the horizon are shared with its copies
+        self._bounds = horizon.stages.bounds
+        self._reserve: SteeringReserve | None = None
+        if relaxed is not None:
+            self._reserve = SteeringReserve(self._bounds, relaxed)
+            self._bounds = StageBounds(*(values.copy() for values in self._bounds))
+
+    @property
+    def _stages(self) -> Stages:
+        return self.mpc.horizon.stages._replace(bounds=self._bounds)
 
     def resume(self, previous: object) -> None:
         """Keep autocorrelation, nominal input and line acquisition, see `Controller.resume`.
@@ -264,7 +280,7 @@ class ArticulatedLaw(FeedbackLaw):
         write_report(self.report, tick)
         leaves_corridor = slacks is not None and bool((slacks > _EXCESS).any())
         tick.view(TICK)[0]["leaves_corridor"] = leaves_corridor
-        stages = self.mpc.horizon.stages
+        stages = self._stages
         write_actions(row_of_tables, outcome, self.law, stages, self.mpc.work, self._memory, tick)
 
     def _move_tables(self, k: int) -> None:
@@ -293,7 +309,7 @@ class ArticulatedLaw(FeedbackLaw):
     def _try_in_closed_form(
         self, row_of_tables: int, work: Work, memory: FloatArray, tick: FloatArray
     ) -> int:
-        stages = self.mpc.horizon.stages
+        stages = self._stages
         estimate, sent = self._last
         if self.expected:  # -E (s(k + j) - s(k)), see `error_dynamics`
             reference_tick = row_of_tables + self._table_offset
@@ -302,6 +318,9 @@ class ArticulatedLaw(FeedbackLaw):
             rows = slice(row_of_tables, row_of_tables + count)
             by_slips = stages.a[rows, :, STATES : STATES + MAPPED]
             work.preview[:] = (by_slips @ ahead)[..., 0]
+            if self._reserve is not None:
+                known = known_share(self.expected, reference_tick)
+                self._reserve.write(row_of_tables, known, self._bounds)
         return try_in_closed_form(
             row_of_tables, estimate, sent, self.law, stages, work, memory, tick
         )

@@ -96,7 +96,9 @@ def articulated_controller(
         damped=DampedApproach(options.damping_s).outputs(model),
         weight_factors=weight_factors(course.reference, len(model.c), period_s),
     )
-    return course.controller(ArticulatedLaw(law, horizon, PredictedPath(course.grid), lap))
+    relaxed = tube.relaxed if tube else None
+    path = PredictedPath(course.grid)
+    return course.controller(ArticulatedLaw(law, horizon, path, lap, relaxed))
 
 
 def shared_lap(reference: Reference, period_s: float) -> float:

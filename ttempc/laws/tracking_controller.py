@@ -34,6 +34,15 @@ class DisturbanceAhead(Protocol):
         """Return the changes from tick k to ticks k, k + 1, ... k + count - 1, (count, 3) [rad]."""
         ...
 
+    def known(self, k: int) -> float:
+        """Return the share of the variance of the trailer's side slip at tick k that is known."""
+        ...
+
+
+def known_share(sources: Sequence[DisturbanceAhead], k: int) -> float:
+    """Return the largest share that one of the sources knows."""
+    return max((source.known(k) for source in sources), default=0.0)
+
 
 def total_ahead(sources: Sequence[DisturbanceAhead], k: int, count: int) -> FloatArray:
     """Return the sum of the changes that all sources expect, (count, 3) [rad]."""

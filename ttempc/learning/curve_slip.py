@@ -130,6 +130,10 @@ class CurveSlip:
         result[len(rows) :] = result[len(rows) - 1]
         return result
 
+    def known(self, k: int) -> float:
+        """Return 0: a slip that is the curve's own does not tell of the ground."""
+        return 0.0
+
     def observe(self, k: int, row: FloatArray, usable: bool) -> None:
         """Take in the record `ESTIMATE` at tick `k` of the reference.
 

@@ -192,6 +192,14 @@ class FieldMap:
             return self._none
         return self._record["share"] * np.subtract(*self._rest([now, before]))
 
+    def known(self, k: int) -> float:
+        """Return the share of the variance of the trailer's side slip that is known at tick k."""
+        row = min(k + self._first + self._lead, len(self._places.place) - 1)
+        place = self._places.place[row]
+        if place >= row or math.isinf(self._places.variance[place, Disturbance.SLIP_I]):
+            return 0.0
+        return float(self._record["share"][Disturbance.SLIP_I])
+
     def _rest(self, place: NDArray[np.int64] | list[int]) -> FloatArray:
         """Return the means of places (n,) without what the slope of the estimate does, (n, 3)."""
         rest = self._places.mean[place]

@@ -357,6 +357,7 @@ class GrowingTube:
     gains: FloatArray  # K (T, m, n)
     reserve: FloatArray  # (Np, T, m) half width of the action at stage j, by the stage's own tick
     bounds: StageBounds  # of the free stages of every tick, (ticks, m Nc)
+    relaxed: StageBounds  # the same without a reserve of the trailer's steering
     # Largest deviation of the true hitch angle from the plan's at stage j, (Np,) [rad]. It is the
     # deviation of the estimated angle and the error of the estimate.
     hitch: FloatArray
@@ -393,7 +394,9 @@ class GrowingTube:
         del system, reach  # large along a long reference: freed before the bounds are computed
 
         bounds = horizon_bounds(free, reserve, of_rates, tuning.moves)
-        return cls(gains, reserve, bounds, hitch)
+        of_others = reserve * np.where(np.arange(len(Input)) == Input.DELTA_I, 0.0, 1.0)
+        relaxed = horizon_bounds(free, of_others, of_rates, tuning.moves)
+        return cls(gains, reserve, bounds, relaxed, hitch)
 
 
 def _reservable(lower: FloatArray, upper: FloatArray) -> FloatArray:
