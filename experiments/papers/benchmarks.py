@@ -10,7 +10,10 @@ beyond its limit is marked as missed.
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 import contextlib
+import copy
+import ctypes
 import importlib
+import importlib.util
 import itertools
 import os
 import resource
@@ -31,6 +34,7 @@ import numpy as np
 from ttempc.guidance.guidance import Guidance
 from ttempc.types import Command
 
+from ...testbed.foreign_files import read_bounded
 from ...testbed.ground import terrain
 from ...testbed.ground.soil import SoilMap
 from ...testbed.randomness import generator
@@ -127,12 +131,38 @@ def bare_step_s(steps: int = 500, blocks: int = 20) -> float:
     steering, without ground, gravity, contacts and MuJoCo's clock. The fastest block counts.
     """
     model = mujoco.MjModel.from_xml_path(str(Path(__file__).parent / "baseline" / "vehicle.xml"))
+    moving = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, moving, 0)
+    return _step_s(model, moving, steps, blocks)
+
+
+def own_bare_step_s(plant: Plant, steps: int = 500, blocks: int = 20) -> float:
+    """Return the time of a bare `mj_step` of a plant's own model [s], the fastest block.
+
+    At 1 m/s, without gravity, contacts and MuJoCo's clock.
+    """
+    model = copy.copy(plant.model)
+    model.opt.gravity[:] = 0.0
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    plant.reset(0.0, 0.0, 0.0, 1.0)
+    return _step_s(model, plant.data, steps, blocks)
+
+
+def _step_s(
+    model: mujoco.MjModel, start: mujoco.MjData, steps: int, blocks: int, clocked: bool = False
+) -> float:
+    """Return the time of a step from a state [s], the fastest block of so many steps."""
     data = mujoco.MjData(model)
     clock = Clock.of_library()
     times = []
-    clock.variable[0] = 0
+    if not clocked:
+        clock.variable[0] = 0
     for _ in range(blocks):
-        mujoco.mj_resetDataKeyframe(model, data, 0)
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = start.qpos
+        data.qvel[:] = start.qvel
+        data.act[:] = start.act
+        data.ctrl[:] = start.ctrl
         begin = time.thread_time()
         mujoco.mj_step(model, data, steps)
         times.append(time.thread_time() - begin)
@@ -159,10 +189,40 @@ def soil_step_s(vehicle: PlantVehicle, timestep_s: float = 0.002, blocks: int = 
     return min(times)
 
 
-def _drive(length_m: float, logged: bool) -> tuple[float, float, float]:
-    """Return processor time of all threads, simulated time [s] and log [MB] of a straight."""
-    overrides = [f"path={{kind='straight',length_m={length_m}}}"]
-    name, scenario = load("grass", overrides)
+def gymnasium_ratios(environments: Sequence[str], steps: int = 500) -> list[Figure]:
+    """Return what a step of environments of gymnasium costs, their own bare step being 1.
+
+    Nothing where its package is not installed (`pip install 'gymnasium[mujoco]'`). As its users
+    have them: with contacts, MuJoCo's clock and random actions.
+    """
+    if importlib.util.find_spec("imageio") is None:  # gymnasium itself is always there
+        return []
+    import gymnasium
+
+    figures = []
+    for name in environments:
+        environment = gymnasium.make(name).unwrapped
+        environment.reset(seed=SEED)
+        environment.action_space.seed(SEED)
+        times = []
+        for _ in range(5):
+            begin = time.thread_time()
+            for _ in range(steps):
+                environment.step(environment.action_space.sample())
+            times.append((time.thread_time() - begin) / (steps * environment.frame_skip))
+            environment.reset()
+        bare = _step_s(environment.model, environment.data, steps, 10, clocked=True)
+        figures.append(Figure(f"gymnasium {name} / its own bare step", min(times) / bare))
+    return figures
+
+
+def _straight(length_m: float) -> str:
+    return f"path={{kind='straight',length_m={length_m}}}"
+
+
+def _drive(path: str, logged: bool) -> tuple[float, float, float]:
+    """Return processor time of all threads, simulated time [s] and log [MB] of a path."""
+    name, scenario = load("grass", [path])
     assembly = assemble(scenario, SEED)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "log.mcap"
@@ -194,7 +254,7 @@ def loop_ratio(
         for timestep_s in (0.002, 0.004):
             spent[timestep_s].append(soil_step_s(vehicle, timestep_s, blocks))
         for logged, length in itertools.product((False, True), lengths):
-            taken, simulated[length], size[length] = _drive(length, logged)
+            taken, simulated[length], size[length] = _drive(_straight(length), logged)
             spent[logged, length].append(taken)
     least = {what: min(times) for what, times in spent.items()}
     bare = least["bare"]
@@ -211,6 +271,43 @@ def loop_ratio(
         Figure("loop without log, simulated s a s", 0.002 / plain, least=150.0),
         Figure("log, kB a simulated s", 1e3 * (size[long] - size[short]) / duration_s, most=100.0),
     ]
+
+
+def eight_ratio(repeats: int = 4) -> list[Figure]:
+    """Return the cost of a lap of the default path, all in, in frozen and in own bare steps.
+
+    The log's opening and closing count, the set-up of the run does not: it has a figure of its
+    own. Everything alternates in one process; the fastest of the repeats counts.
+    """
+    scenario = load("grass", ["path.laps=1"])[1]
+    spent = defaultdict(list)
+    duration_s = 0.0
+    for _ in range(repeats):
+        begin = time.process_time()
+        plant = assemble(scenario, SEED).plant
+        spent["set-up"].append(time.process_time() - begin)
+        spent["frozen"].append(bare_step_s())
+        spent["own"].append(own_bare_step_s(plant))
+        for logged in (False, True):
+            taken, duration_s, _ = _drive("path.laps=1", logged)
+            spent[logged].append(taken)
+    least = {what: min(times) for what, times in spent.items()}
+    steps = duration_s / 0.002
+    figures = [
+        Figure("own bare `mj_step`", 1e6 * least["own"], "µs"),
+        Figure("set-up of a run in a warm process", least["set-up"], "s"),
+    ]
+    for logged, words, most in ((False, "without log", 2.0), (True, "with log", 2.4)):
+        step = least[logged] / steps
+        frozen = step / least["frozen"]
+        figures += [
+            Figure(f"lap {words} / frozen bare step", frozen),
+            Figure(f"lap {words} / own bare step", step / least["own"], most=most),
+        ]
+    run_s = least["set-up"] + least[False]
+    for runs in (1_000, 10_000, 100_000):
+        figures.append(Figure(f"{runs} laps, set-up included", runs * run_s / 3600.0, "core h"))
+    return figures + gymnasium_ratios(("Humanoid-v5", "Ant-v5", "HalfCheetah-v5"))
 
 
 def effect_ratios(repeats: int = 6, blocks: int = 6) -> list[Figure]:
@@ -237,8 +334,10 @@ def effect_ratios(repeats: int = 6, blocks: int = 6) -> list[Figure]:
     return [Figure(f"{name}, bare steps", ratio) for name, ratio in ratios.items()][1:]
 
 
-def calls_of_a_period(overrides: Sequence[str] = (), ticks: int = 40) -> dict[str, float]:
-    """Return the Python calls of a control period of `grass` in memory, by stage: exact counts.
+def calls_of_a_period(
+    overrides: Sequence[str] = (), ticks: int = 40, scenario: str = "grass"
+) -> dict[str, float]:
+    """Return the Python calls of a control period in memory, by stage: exact counts.
 
     Calls of `Guidance.update` and `Guidance.step` stand under their own names, those of no stage
     under "loop". The first ticks of the run do not count.
@@ -260,7 +359,7 @@ def calls_of_a_period(overrides: Sequence[str] = (), ticks: int = 40) -> dict[st
         if k in (ticks, 2 * ticks):
             sys.setprofile(count if k == ticks else None)
 
-    assembly = replace(assemble(load("grass", overrides)[1], SEED), ticks=2 * ticks + 1)
+    assembly = replace(assemble(load(scenario, overrides)[1], SEED), ticks=2 * ticks + 1)
     try:
         drive_into(Recorder(), assembly, on_tick=on_tick, prepared=False)
     finally:
@@ -276,7 +375,12 @@ def calls() -> list[Figure]:
     return [
         Figure("Python calls of `Guidance.update` and `step`", guidance),
         Figure("Python calls of the loop beside them", own),
-        Figure("Python calls of a whole period", guidance + own),
+        Figure("Python calls of a whole period", guidance + own, most=150.0),
+        Figure(
+            "Python calls of a whole period of `cultivate`",
+            sum(calls_of_a_period(scenario="cultivate").values()),
+            most=150.0,
+        ),
     ]
 
 
@@ -286,11 +390,32 @@ _METRE: Final = "path={kind='straight',length_m=1}"
 _COMMAND: Final = (sys.executable, "-m", "proving_ground.experiments.commands.cli")
 
 
-def _process_s(*command: str, cache: str | None = None) -> float:
-    """Return the processor time of a process [s], with a folder for kernels of its own if given."""
+_ADOPT: Final = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
+
+
+def _children() -> set[int]:
+    """Return the numbers of the processes whose parent is this one."""
+    files = Path("/proc/self/task").glob("*/children")
+    return {int(number) for file in files for number in read_bounded(file).split()}
+
+
+def process_s(*command: str, cache: str | None = None) -> float:
+    """Return the processor time of a process and of all that it starts [s], to the end of the last.
+
+    Those that it does not wait for, such as the second compiler of a first run, become children of
+    this process when it ends (Linux), which waits for them.
+
+    Args:
+        command: words of the command.
+        cache: folder for its kernels; None: that of this process.
+    """
+    ctypes.CDLL(None).prctl(_ADOPT, 1, 0, 0, 0)
+    before = _children()
     begin = resource.getrusage(resource.RUSAGE_CHILDREN)
     own = {"NUMBA_CACHE_DIR": cache} if cache else {}
     subprocess.run(command, check=True, capture_output=True, env={**os.environ, **own})
+    while adopted := _children() - before:
+        os.waitpid(adopted.pop(), 0)
     end = resource.getrusage(resource.RUSAGE_CHILDREN)
     return end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime
 
@@ -302,7 +427,7 @@ def start_up(repeats: int = 5) -> list[Figure]:
 
         def run(cache: str | None = None) -> float:
             words = ("run", "grass", "--out", next(outs), "--set", _METRE)
-            return _process_s(*_COMMAND, *words, cache=cache)
+            return process_s(*_COMMAND, *words, cache=cache)
 
         run()  # kernels are in the cache from here on
         warm = min(run() for _ in range(repeats))
@@ -310,8 +435,8 @@ def start_up(repeats: int = 5) -> list[Figure]:
         kernels = len([*Path(folder, "kernels").rglob("*.nbi")])
     imports = (sys.executable, "-c", "from ttempc import Guidance")
     return [
-        Figure("`ttempc --help`", min(_process_s(*_COMMAND, "--help") for _ in "12345"), "s", 0.3),
-        Figure("`from ttempc import Guidance`", min(_process_s(*imports) for _ in "12345"), "s"),
+        Figure("`ttempc --help`", min(process_s(*_COMMAND, "--help") for _ in "12345"), "s", 0.3),
+        Figure("`from ttempc import Guidance`", min(process_s(*imports) for _ in "12345"), "s"),
         Figure("`ttempc run` of 1 m", warm, "s", most=3.0),
         Figure("compilation of its kernels", first - warm, "s", most=12.0),
         Figure("kernels", kernels, most=60.0),
@@ -377,6 +502,7 @@ def sweeps(seeds: int = 4) -> list[Figure]:
 PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
     "ticks": ticks,
     "loop": loop_ratio,
+    "eight": eight_ratio,
     "effects": effect_ratios,
     "calls": calls,
     "start-up": start_up,

@@ -1,6 +1,7 @@
 """Every benchmark runs its smallest job; speeds are not judged, a loaded machine would fail."""
 
 import math
+import sys
 
 import pytest
 from proving_ground.experiments.papers import benchmarks
@@ -31,6 +32,18 @@ def test_a_loop_costs_more_than_its_physics():
     assert logged > loop > named["physics on soil / bare step"]
 
 
+def test_a_process_that_nobody_waits_for_is_counted():
+    """The command ends at once; what it started burns half a second of processor time after it."""
+    burn = "import time\nwhile time.process_time() < 0.5: pass"
+    words = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {burn!r}])"
+    assert benchmarks.process_s(sys.executable, "-c", words) > 0.5
+
+
 @pytest.mark.parametrize("part", ["start-up", "sweep"])
 def test_other_parts(part):
     values(benchmarks.PARTS[part]())
+
+
+def test_a_lap_with_its_log_costs_more_than_one_without():
+    named = values(benchmarks.eight_ratio(repeats=1))
+    assert named["lap with log / own bare step"] > named["lap without log / own bare step"] > 1.0

@@ -172,3 +172,35 @@ def test_refused_combinations_are_left_out_where_the_study_says_so(tmp_path):
     without = plan_of(tmp_path, "seeds = 2", SHORT, REFUSING, CONTROLLERS)
     with pytest.raises(InvalidStudy, match=r"soil.cone_index_kpa = -3.0"):
         without.extent()
+
+
+def test_of_drawn_points_the_ends_are_checked_and_the_values_of_all(tmp_path, monkeypatch):
+    """Path and ground of the others are not looked at: a study of 10 000 points begins at once."""
+    checked = []
+
+    def check(scenario):
+        checked.append(scenario.soil.cone_index_kpa)
+        return 100
+
+    monkeypatch.setattr("proving_ground.experiments.studies.sweep.plan.check", check)
+    axis = drawn("latin-hypercube", "soil.cone_index_kpa").replace("1.0", "300.0")
+    axis = axis.replace("9.0", "900.0")
+    plan = plan_of(tmp_path, "samples = 50", SHORT, axis)
+    values = [plan.changes(point)["soil.cone_index_kpa"] for point in range(50)]
+    extent = plan.extent()
+    assert {*checked} == {min(values), max(values)}
+    assert extent.runs == 50
+    assert extent.simulated_s == pytest.approx(50 * 100 * 0.2)
+    other = plan_of(tmp_path, "samples = 50\ndraw = 2", SHORT, axis)
+    assert other.extent().digest != extent.digest
+    below = axis.replace("low = 300.0", "low = -300.0")
+    with pytest.raises(InvalidStudy, match=r"soil.cone_index_kpa = -"):
+        plan_of(tmp_path, "samples = 50", SHORT, below).extent()
+
+
+def test_a_drawn_point_that_a_scenario_refuses_is_found_where_refused_ones_are_left_out(tmp_path):
+    axis = drawn("latin-hypercube", "path.length_m").replace("9.0", "70.0")
+    plan = plan_of(tmp_path, "samples = 6\nskip_refused = true", SHORT, axis)
+    lengths = [plan.changes(point)["path.length_m"] for point in plan.runs()]
+    assert 0 < len(lengths) < 6
+    assert max(lengths) < 40.0  # from the middle of the field to its edge

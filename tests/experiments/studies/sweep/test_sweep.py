@@ -15,6 +15,7 @@ from proving_ground.experiments.studies.sweep import folder as folder_module
 from proving_ground.experiments.studies.sweep import sweep as sweep_module
 from proving_ground.experiments.studies.sweep.engine import engine
 from proving_ground.experiments.studies.sweep.folder import lock_folder
+from proving_ground.experiments.studies.sweep.merge import WHOLE, Shard, merge
 from proving_ground.experiments.studies.sweep.results import rows
 from proving_ground.experiments.studies.sweep.row import columns, no_figures
 from proving_ground.experiments.studies.sweep.sweep import drive_points, sweep
@@ -34,9 +35,9 @@ def synthetic_row(job):
     return job.row("lost" if lost else "completed", "", no_figures(), 0.1, log)
 
 
-def swept(plan, path, work=synthetic_row, on_row=lambda progress: None):
+def swept(plan, path, work=synthetic_row, on_row=lambda progress: None, shard=WHOLE):
     with engine(workers=0) as inside, lock_folder(path, plan) as folder:
-        sweep(plan, folder, inside, on_row, work)
+        sweep(plan, folder, inside, on_row, work, shard)
     return sorted(rows(path / "results.jsonl"), key=lambda row: row["run"])
 
 
@@ -273,3 +274,50 @@ def test_kept_points_are_not_driven_again(tmp_path):
     assert drive(points, folder=tmp_path / "kept") == driven  # wall-clock times among them
     with pytest.raises(SweepRefused):
         drive(points[:1], folder=tmp_path / "kept")
+
+
+def merged(plan, path, *sources):
+    with lock_folder(path, plan) as folder:
+        return merge(plan, folder, sources)
+
+
+def test_shares_are_disjoint_and_together_the_rows_and_logs_of_the_whole(tmp_path):
+    plan = plan_of(tmp_path, 'seeds = 5\nkeep = "all"', SHORT, CONTROLLERS)
+    whole = swept(plan, tmp_path / "whole")
+    shares = [
+        swept(plan, tmp_path / name, shard=Shard(number, 2))
+        for number, name in enumerate(("one", "two"), 1)
+    ]
+    assert len(shares[0]) + len(shares[1]) == plan.size
+    seeds = [{row["seed"] for row in share} for share in shares]
+    assert not seeds[0] & seeds[1]  # the controllers of a seed are in one share
+    assert merged(plan, tmp_path / "all", tmp_path / "one") == len(shares[1])
+    assert merged(plan, tmp_path / "all", tmp_path / "two", tmp_path / "one") == 0
+    rows_of_all = swept(plan, tmp_path / "all", pytest.fail)
+    assert rows_of_all == whole
+    assert all((tmp_path / "all" / str(row["log"])).is_file() for row in whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"run": 10_000}, "10000"),
+        ({"run": "0"}, "'0'"),
+        ({"log": "../../.bashrc"}, ".bashrc"),
+        ({"log": "logs/none.mcap"}, "none.mcap"),
+    ],
+)
+def test_rows_of_a_stranger_are_not_believed(change, named, tmp_path):
+    plan = plan_of(tmp_path, SHORT, CONTROLLERS)
+    row = swept(plan, tmp_path / "one")[0]
+    (tmp_path / "one" / "results.jsonl").write_text(json.dumps(row | change) + "\n")
+    with pytest.raises(SweepRefused, match=named):
+        merged(plan, tmp_path / "all", tmp_path / "one")
+
+
+def test_the_folder_of_another_study_is_not_merged(tmp_path):
+    swept(plan_of(tmp_path, SHORT, STRENGTHS), tmp_path / "one")
+    plan = plan_of(tmp_path, SHORT, CONTROLLERS)
+    with pytest.raises(SweepRefused, match="another study"):
+        merged(plan, tmp_path / "all", tmp_path / "one")
+    assert not (tmp_path / "all" / "results.jsonl").exists()
