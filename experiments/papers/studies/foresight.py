@@ -1,10 +1,11 @@
 """Foresight of the trailer's side slip on fields of one lap, with and without, by controller.
 
 The working point is the tool where there is one, else the trailer's axle. All columns of a line
-drive the same seeds; the change is that of the same seed, with foresight less without.
+drive the same seeds, rivals the first three of them; the change is that of the same seed, with
+foresight less without.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..markdown import groups, lost, markdown, numbers
 from ..table import Table, study, variants
 
 _SEEDS: Final = range(3001, 3011)
+_RIVALS_SEEDS: Final = range(3001, 3004)
 _LAP: Final = ("path.laps=1", "sensors.angle_resolution_deg=0.0")
 _TOOL_AT_WORK: Final = (
     'implement={type="field-cultivator-second",width_m=1.2,depth_m=0.05,work_m=[[3.0,130.0]]}'
@@ -42,13 +44,11 @@ _NO_IMU: Final = "no IMU"
 _IMU: Final = "IMU"
 _FORESEES: Final = "IMU + foresight"
 _TRUE: Final = "true state"
-_BOTH: Final = "true state + foresight"
 _WAYS: Final[Mapping[str, tuple[str, ...]]] = {
     _NO_IMU: ("sensors.imu.on=false", "controller.foresee=false"),
     _IMU: ("sensors.imu.on=true", "controller.foresee=false"),
     _FORESEES: ("sensors.imu.on=true", "controller.foresee=true"),
     _TRUE: ("sensors.imu.on=true", "controller.foresee=false", "controller.estimator=truth"),
-    _BOTH: ("sensors.imu.on=true", "controller.foresee=true", "controller.estimator=truth"),
 }
 _OWN: Final = "ttempc"
 _RIVALS: Final = ("nmpc-rti", "lqr")
@@ -66,28 +66,30 @@ def working_point(runs: pd.DataFrame) -> FloatArray:
     return 100.0 * np.where(np.isnan(tool), trailer, tool)
 
 
-def _cases(*ways: str) -> dict[str, tuple[str, ...]]:
-    """Return the changes of every controller in some ways; true states are those of `ttempc`."""
+def _cases(controllers: Sequence[str], *ways: str) -> dict[str, tuple[str, ...]]:
+    """Return the changes of controllers in some ways."""
     return {
         f"{controller}: {way}": (f"controller.name={controller}", *_WAYS[way])
-        for controller in (_OWN, *_RIVALS)
+        for controller in controllers
         for way in ways
-        if controller == _OWN or way not in (_TRUE, _BOTH)
     }
 
 
 def _studies() -> dict[str, Study]:
-    """Return a study for each trial, and one with good receivers for some."""
-    every = variants("case", _cases(*_WAYS))
-    some = variants("case", _cases(_IMU, _FORESEES))
-    own: dict[str, Study] = {}
-    good: dict[str, Study] = {}
+    """Return two studies for each trial, of `ttempc` and its rivals; some with good receivers."""
+    every = variants("case", _cases((_OWN,), _NO_IMU, _IMU, _FORESEES, _TRUE))
+    some = variants("case", _cases((_OWN,), _IMU, _FORESEES))
+    rivals = variants("case", _cases(_RIVALS, _IMU, _FORESEES))
+    studies: dict[str, Study] = {}
     for trial, (scenario, *changes) in _TRIALS.items():
-        own[trial] = study(scenario, _SEEDS, changes, every)
-        if trial in _GOOD_ON:
-            label = f"{trial}, receivers of 0.8 cm"
-            good[label] = study(scenario, _SEEDS, (*changes, *_GOOD), some)
-    return own | good
+        studies[trial] = study(scenario, _SEEDS, changes, every)
+        studies[f"{trial}: rivals"] = study(scenario, _RIVALS_SEEDS, changes, rivals)
+    for trial in _GOOD_ON:
+        scenario, *changes = _TRIALS[trial]
+        good = (*changes, *_GOOD)
+        studies[f"{trial}, 0.8 cm"] = study(scenario, _SEEDS, good, some)
+        studies[f"{trial}, 0.8 cm: rivals"] = study(scenario, _RIVALS_SEEDS, good, rivals)
+    return studies
 
 
 def format_table(runs: pd.DataFrame) -> str:
