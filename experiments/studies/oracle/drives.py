@@ -2,8 +2,8 @@
 
 The oracle knows the true state, the dead times of the valves and, after its first drive, every
 disturbance of the run beforehand. It steers by a regulator on the true state plus inputs that
-`learning` finds; limits and lags of the actuators act in the plant. No causal controller is expected
-to reach it. It is not a proven optimum either: it is the best of a few drives of one linear law, so
+`learning` finds; limits and lags of the actuators act in the plant. No causal controller is
+expected to reach it. It is no proven optimum either: it is the best of a few drives of one law, so
 that a smaller error may be possible.
 """
 
