@@ -29,6 +29,7 @@ from tests.attacks import command, each, isolated, row_bits, short, study
 from tests.experiments.interfaces.serve import test_session
 from tests.experiments.logs.test_import import panda
 
+
 class Quiet(http.server.SimpleHTTPRequestHandler):
     """Web server that says nothing on stderr."""
 
