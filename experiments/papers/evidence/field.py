@@ -76,9 +76,13 @@ def transport_slip(wrong: Constant) -> list[float]:
 
 
 def slip_each_second(record: Record) -> FloatArray:
-    """Return the mean slip of the driven wheels in every second after the start-up, (n,)."""
+    """Return the mean slip of the driven wheels in each second of driving after start-up, (n,).
+
+    A vehicle that slows down at the end of its line does not count: its rims stand.
+    """
     state = record[STATE]
-    counted = state.time_s >= START_UP_S
+    rim_mps = state["v_rim_mps"]
+    counted = (state.time_s >= START_UP_S) & (rim_mps > 0.5 * np.median(rim_mps))
     slip = 1.0 - state["v_mps"][counted] / state["v_rim_mps"][counted]
     rows = round(1.0 / np.median(np.diff(state.time_s)))  # rows in one second
     return slip[: len(slip) // rows * rows].reshape(-1, rows).mean(axis=1)
