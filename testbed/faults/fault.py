@@ -93,7 +93,7 @@ class Fault:
     """
 
     row: ClassVar[Row]
-    kind: Annotated[str, Field(description="Kind of fault, see docs/field.md, Faults.")] = ""
+    kind: Annotated[str, Field(description="Kind of fault, see docs/faults.md.")] = ""
     name: Annotated[
         str,
         Field(

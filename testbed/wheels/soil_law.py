@@ -69,11 +69,10 @@ class SoilLaw:
         traction ratio        traction (1 - e^(-traction_bn Bn)) (1 - e^(-traction_slip s)) [B]
         resistance of soil    resistance_bn / Bn + resistance_slip s / sqrt(Bn)             [B]
         resistance of tyre    resistance_tyre                                               [B]
-        side force ratio      mu (1 - e^(-C / mu |alpha|)),                                 [G]
-                              mu = min(side + side_mobility / M, side_most,
-                                       side_bearing x largest traction ratio)
-                              C = min(side_stiffness + side_stiffness_mobility M,
-                                      side_stiffness_most)
+        side force ratio      mu (1 - e^(-C / mu |alpha|))                                  [G]
+        mu                    min(side + side_mobility / M, side_most, bearing)
+        bearing               side_bearing x largest traction ratio
+        C                     min(side_stiffness + side_stiffness_mobility M, side_stiffness_most)
 
     The resistance of the soil acts on the hub, that of the tyre is a torque on the wheel against
     its rolling. A driven wheel then has the torque and the net pull of [B], in which the 0.04 of

@@ -30,7 +30,7 @@ _PERCENT: Final = 100.0  # per fraction
 class PaperEquations:
     """Reading of the equations of Kayacan, Ramon and Saeys (2016).
 
-    The numbers are those of the errata in docs/method.md. The defaults are those of the controller
+    The numbers are those of the errata in docs/appendix/errata.md. The defaults are those of the controller
     `paper`: of the readings that were driven they agree best with what the paper reports of its own
     experiment (docs/appendix/errata.md).
     """
