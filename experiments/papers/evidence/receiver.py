@@ -32,8 +32,7 @@ def receiver_memory(wrong: Constant) -> list[float]:
     length = _LENGTH_M * wrong.of("receiver.length")
     figures = []
     for lag in _LAGS:
-        correlated = _CORRELATED_SHARE * second_order(
-            lag.time_s / _TIME_S + lag.distance_m / length
-        )
+        course = np.array([lag.time_s / _TIME_S + lag.distance_m / length])
+        correlated = _CORRELATED_SHARE * float(second_order(course)[0])
         figures.append((correlated - _VARIANCE_IN_MEANS) / (1.0 - _VARIANCE_IN_MEANS))
     return figures
