@@ -30,9 +30,9 @@ _PERCENT: Final = 100.0  # per fraction
 class PaperEquations:
     """Reading of the equations of Kayacan, Ramon and Saeys (2016).
 
-    The numbers are those of the errata in docs/appendix/errata.md. The defaults are those of the controller
-    `paper`: of the readings that were driven they agree best with what the paper reports of its own
-    experiment (docs/appendix/errata.md).
+    The numbers are those of the errata in docs/appendix/errata.md. The defaults are those of the
+    controller `paper`: of the readings that were driven they agree best with what the paper
+    reports of its own experiment (docs/appendix/errata.md).
     """
 
     # 1: sign of the hitch term in the trailer's yaw equation; +1 printed, -1 geometry
