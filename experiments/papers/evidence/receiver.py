@@ -8,6 +8,8 @@ the second.
 
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from ..machine import Constant
 from ..receivers import second_order
 

@@ -59,6 +59,25 @@ def test_a_vehicle_that_does_not_obey_its_hydrostat(stops):
     assert not stops or 30 < noticed[0] < 30 + round(4.0 / PERIOD_S)  # the hydrostat's lag is 2 s
 
 
+@pytest.mark.parametrize(
+    ("planned_mps", "share", "noticed"),
+    [(4.0, 0.83, False), (4.0, 0.5, True), (1.0, 0.83, False), (1.0, 0.1, True)],
+)
+def test_a_hydrostat_under_load_is_slower_in_proportion(planned_mps, share, noticed):
+    """A climb takes a sixth of the speed, at any speed; half of it is a fault."""
+    rng = np.random.default_rng(6)
+    monitor = Alone(DetectorIndex.MOTION)
+    command = Command(0.0, 0.0, planned_mps / VEHICLE.speed_gain)
+    place = 0.0
+    alarms = 0
+    for k in range(100):
+        ground_mps = planned_mps * (1.0 if k < 50 else share)
+        place += PERIOD_S * ground_mps
+        alarm = monitor.alarm(observation(k, speeds(k, ground_mps, place, rng), command))
+        alarms += alarm is not None and k >= 50
+    assert (alarms > 0) is noticed
+
+
 @pytest.mark.parametrize("contradicting", [0, 1, 2])
 def test_an_alarm_of_motion_lasts_while_both_receivers_contradict_the_estimate(contradicting):
     """The hydrostat is at 0 from tick 30 to 45, and the vehicle drives on; then they agree."""
