@@ -374,6 +374,7 @@ def _take(
         travel.y = truth[_Y]
         # Before the first moment there is no position: then `moved` is NaN
         travel.distance = travel.distance + moved if moved >= 0.0 else 0.0
+        before = count
         for k in range(len(suite.sensors)):
             of = record(suite.sensors[k], _SENSOR)
             # A velocity needs an earlier place: there is none at the first moment
@@ -382,7 +383,8 @@ def _take(
                 _sample(truth, suite, k, epoch, samples[count])
                 due[count] = step + of.delay
                 count += 1
-        _note_places(truth, suite)
+        if count > before:  # what is recorded between the samples changes no velocity
+            _note_places(truth, suite)
     return count
 
 

@@ -43,7 +43,8 @@ def feed(sink, duration_s=22.0) -> None:
             elif channel is STATE:  # a pose must be finite
                 first = STATE.fields.index("psi_d_rad")
                 values[:first], values[0], values[2] = 0.0, now, 0.3
-            values[first : first + 4] = (np.nan, -0.0, np.inf, 5e-324)
+            special = (np.nan, -0.0, np.inf, 5e-324)[: len(values) - first]
+            values[first : first + len(special)] = special
             sink.row(channel, now, values.tolist())
         bodies = {"body_xyz": rng.normal(size=(2, 3)), "body_quat": rng.normal(size=(2, 4))}
         sink.scenes(moments(truth(time_s=now, **bodies)))

@@ -189,6 +189,7 @@ class Session:
         self._hold_s = protocol.hold_s if settings.hold_s is None else settings.hold_s
         self._tick = 0
         self._latest_tick = -1  # of the latest command
+        self._silent: Address | None = None  # the peer that lost its ownership by silence
         self._open = False  # whether a command of the present tick is in time
         self._due = 0.0  # when the present tick begins, on the monotonic clock [s]
         self._running = self._resume = False  # whether the operator has said so since the last tick
@@ -340,6 +341,7 @@ class Session:
         setup.sink.event(Event(tick.now.time_s, "warning", text))
         self._say(text)
         link.audience = [link.peer]
+        self._silent = link.peer
         link.peer = None
         self._protocol.lapse()
 
@@ -347,20 +349,28 @@ class Session:
         """Log the totals at the end.
 
         Raises:
-            StageFailed: the run would be complete, and no command came in time.
+            StageFailed: the run would be complete, and nobody drove.
         """
         arrived = setup.guidance.reference_tick >= self._ticks
         if tick.lost or tick.stopped or arrived:
-            if arrived and not self.used:
+            if arrived and self._was_not_driven():
                 raise StageFailed(f"no command came in time; {self.totals()}")
             setup.sink.event(Event(tick.now.time_s, "info", self.totals()))
             self.end("lost" if tick.lost else "stopped" if tick.stopped else "completed")
 
+    def _was_not_driven(self) -> bool:
+        """Return whether no command came in time, and none at all in most periods."""
+        counts = self._link.counts
+        return not self.used and 2 * counts[Trouble.LATE] < counts[Trouble.MISSING]
+
     def _take(self, payload: bytes, address: Address) -> None:
         """Take in a datagram; one that is refused is counted, and said the first time."""
+        returns = self._link.peer is None and address == self._silent
+        self._protocol.ready |= returns  # it has said so before it fell silent
         try:
             received = self._protocol.receive(payload)
         except Refused as error:
+            self._protocol.ready &= not returns
             self._link.counts[Trouble.INVALID] += 1
             if self._link.counts[Trouble.INVALID] == 1:
                 self._say(one_line(f"refused, from {text_of(address)}: {error}"))

@@ -31,7 +31,7 @@ def test_what_cannot_be_exported_is_refused_in_one_line(short_runs, tmp_path, mo
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main(["log", "export", log, "--format", "parquet", "-o", str(tmp_path / "new")]) == 2
     error = capsys.readouterr().err
-    assert "ttempc-proving-ground[export]" in error
+    assert "pip install -e '.[export]'" in error
     assert error.count("\n") == 1
     assert not any(tmp_path.iterdir())
 

@@ -139,7 +139,7 @@ def test_what_cannot_be_opened_is_refused(monkeypatch):
             with pytest.raises(LiveError, match=words):
                 view(**option)
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(LiveError, match=r"ttempc-proving-ground\[live\]"):
+    with pytest.raises(LiveError, match=r"pip install -e .*\[live\]"):
         view()
 
 
