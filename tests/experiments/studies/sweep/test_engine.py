@@ -17,14 +17,26 @@ from proving_ground.experiments.studies.sweep.sweep import sweep
 
 from tests.experiments.study_files import SHORT, plan_of
 
-POISON, UNLUCKY = 3, 0  # the first run has begun before any worker died
+POISON, UNLUCKY = 3, 0
+
+
+def wait_until(condition, seconds=30.0):
+    """Wait for a condition, for a bounded time."""
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.01)
 
 
 def deadly(job):
     """Kill the worker with one run always, with another once."""
-    mark = job.folder / f"driven {job.run}"
-    if job.run in (POISON, UNLUCKY) and not (mark.exists() and job.run == UNLUCKY):
-        mark.touch()
+    begun = job.folder / "unlucky run has begun"
+    unlucky_once = job.run == UNLUCKY and not begun.exists()
+    if unlucky_once:
+        begun.touch()
+    if job.run == POISON:
+        # A worker may take the other run first and begin it late; it must die of its own doing.
+        wait_until(begun.exists)
+    if unlucky_once or job.run == POISON:
         os.kill(os.getpid(), signal.SIGKILL)
     return job.row("completed", None, no_figures(), float(os.getpid()))
 
