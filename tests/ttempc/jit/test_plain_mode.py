@@ -22,7 +22,8 @@ IMUS = (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)
 
 def drive(controller):
     settings = GuidanceSettings(learn=False)
-    guidance = Guidance(Vehicle(), figure_eight(), controller=controller, settings=settings)
+    path = figure_eight(laps=1)
+    guidance = Guidance(Vehicle(), path, controller=controller, settings=settings)
     rng = np.random.default_rng(9444)
     commands = []
     for tick in range(20):
