@@ -385,7 +385,8 @@ def _sensor(record: Record, field: str) -> tuple[FloatArray, FloatArray]:
     """Return times and values of the samples of a sensor."""
     table = record[MEASUREMENT]
     name = field.rsplit("_", 2)[0] if field.startswith("gnss") else field.rsplit("_", 1)[0]
-    values, times = table[field], table[f"{name}_time_s"]
+    values = table[field]
+    times = table[f"{name}_time_s"]
     kept = np.isfinite(values) & np.isfinite(times)
     times, first = np.unique(times[kept], return_index=True)
     return times, values[kept][first]

@@ -72,7 +72,8 @@ class Mission:
     ) -> Mission:
         """Return the mission along `path` from its beginning; `reverse`: in reverse gear."""
         if reverse:
-            path, speed = path.reversed(), Backward(speed, path.length_m)
+            speed = Backward(speed, path.length_m)
+            path = path.reversed()
         return cls(path, speed, reverse, notes, line=line)
 
     def driven_line(self) -> FloatArray:

@@ -77,6 +77,11 @@ class BuiltIn:
         return Alarm(self.name, reason, reaction, frozenset(self.sensors if excludes else ()))
 
 
+_BOTH_RECEIVERS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
+"""Named by alarms of their common position; `exclusion.py` leaves them out while the vehicle
+rolls."""
+
+
 def _wheels(reaction: Reaction, numbers: Sequence[float]) -> str:
     wheels_mps, ground_mps, planned_mps = numbers
     words = f"wheels turn at {wheels_mps:.2f} m/s, GNSS moves at {ground_mps:.2f} m/s"
@@ -212,7 +217,7 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         limit=1.0,  # of a distance over its bound
         reaction=Reaction.STOP_ON_PATH,
         words="position is {:.1f} m off dead reckoning",
-        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
+        sensors=_BOTH_RECEIVERS,
     ),
     DetectorIndex.DRIFT: BuiltIn(
         name="drift",
@@ -237,7 +242,7 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         limit=28.0,  # one false alarm in some hundred hours
         reaction=Reaction.STOP_ON_PATH,
         words=_AGAINST_VELOCITY,
-        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
+        sensors=_BOTH_RECEIVERS,
     ),
     DetectorIndex.RECEIVER_TRACTOR: _receiver("tractor"),
     DetectorIndex.RECEIVER_TRAILER: _receiver("trailer"),
@@ -246,7 +251,7 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         limit=1.5,
         reaction=Reaction.STOP_ON_PATH,
         words=_AGAINST_GROUND,
-        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
+        sensors=_BOTH_RECEIVERS,
     ),
     DetectorIndex.AT_REST: BuiltIn(
         name="position at rest",
@@ -259,7 +264,7 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         limit=1.0,  # of a distance over its bound
         reaction=Reaction.STOP_ON_PATH,
         words="both positions stepped by {:.2f} m together",
-        sensors=(Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER),  # while the vehicle rolls
+        sensors=_BOTH_RECEIVERS,
     ),
     DetectorIndex.GYRO_TRACTOR: _gyro("tractor", Sensor.IMU_TRACTOR),
     DetectorIndex.GYRO_TRAILER: _gyro("trailer", Sensor.IMU_TRAILER),

@@ -41,7 +41,8 @@ def _operation(
             return builder.bitcast(begin, _VECTOR.as_pointer())
 
         def weighted(n: int) -> Any:  # noqa: ANN401 - the row of the array n + 1 by the weight n
-            undefined, zeros = ir.Constant(_VECTOR, ir.Undefined), ir.Constant(_LANES, [0] * WIDTH)
+            undefined = ir.Constant(_VECTOR, ir.Undefined)
+            zeros = ir.Constant(_LANES, [0] * WIDTH)
             one = builder.insert_element(undefined, arguments[n], ir.IntType(32)(0))
             weights = builder.shuffle_vector(one, undefined, zeros)
             return builder.fmul(weights, builder.load(pointer(n + 1), align=8))

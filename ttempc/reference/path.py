@@ -17,7 +17,8 @@ from ..types import FloatArray
 # Gauss-Legendre on [0, 1]; with 5 nodes on pieces of 0.25 m the quadrature of cos(heading) and
 # sin(heading) is exact to rounding for any radius above 1 m.
 _LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(5)
-_NODES, _WEIGHTS = 0.5 * (_LEGENDRE_NODES + 1.0), 0.5 * _LEGENDRE_WEIGHTS
+_NODES = 0.5 * (_LEGENDRE_NODES + 1.0)
+_WEIGHTS = 0.5 * _LEGENDRE_WEIGHTS
 _PIECE_M = 0.25
 _EXTENT_STEP_M = 0.02  # the extent is too small by less than step^2 / (8 radius)
 
@@ -71,7 +72,8 @@ class Path:
 
     def __post_init__(self) -> None:
         _check_segments(self.segments)
-        knots, curvature = [0.0], [self.segments[0].curvature_start]
+        knots = [0.0]
+        curvature = [self.segments[0].curvature_start]
         for length, first, last in self.segments:
             pieces = math.ceil(length / _PIECE_M)
             share = np.arange(1, pieces + 1) / pieces
@@ -144,7 +146,9 @@ class Path:
 
     def _advance(self, index: np.ndarray, rest: FloatArray) -> FloatArray:
         """Return the change of pose over `rest` from the beginning of piece `index`, (..., 3)."""
-        first, slope, heading = self._curvature[index], self._slope(index), self._pose[index, 2]
+        first = self._curvature[index]
+        slope = self._slope(index)
+        heading = self._pose[index, 2]
         node = rest[..., None] * _NODES  # (..., 5)
         turned = first[..., None] * node + 0.5 * slope[..., None] * node**2
         angle = heading[..., None] + turned

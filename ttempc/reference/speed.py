@@ -87,7 +87,8 @@ class PlannedSpeed:
                 )
         if not np.all(np.diff(self.distance_m) > 0.0):
             raise InvalidReference("speed: the places along the path must go forward")
-        first, last = float(self.distance_m[0]), float(self.distance_m[-1])
+        first = float(self.distance_m[0])
+        last = float(self.distance_m[-1])
         s = np.linspace(first, last, max(2, math.ceil((last - first) / _STEP_M) + 1))
         v = _within(np.interp(s, self.distance_m, self.speed_mps), s[1] - s[0], limit)
         times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (v[1:] + v[:-1]))])
@@ -97,7 +98,8 @@ class PlannedSpeed:
         knots = _STEP_S * np.arange(count) - margin
         hermite = scipy.interpolate.CubicHermiteSpline(times, s, v)
         inside = hermite(np.clip(knots, 0.0, times[-1]))
-        before, after = np.minimum(knots, 0.0) * v[0], np.maximum(knots - times[-1], 0.0) * v[-1]
+        before = np.minimum(knots, 0.0) * v[0]
+        after = np.maximum(knots - times[-1], 0.0) * v[-1]
         half = round(0.5 * _SMOOTHING_S / _STEP_S)
         distance = inside + before + after
         mean = (distance[2 * half :] - distance[: -2 * half]) / (2 * half * _STEP_S)
@@ -213,7 +215,8 @@ def _limited(
     arc, along, _ = speed.travel(np.linspace(0.0, speed.duration_s(length_m), count))
     travelled = np.linspace(0.0, length_m, count)
     driven = np.abs(arc - arc[0])
-    place, desired = np.interp(travelled, driven, arc), np.interp(travelled, driven, np.abs(along))
+    place = np.interp(travelled, driven, arc)
+    desired = np.interp(travelled, driven, np.abs(along))
     # The moving average reaches half its window ahead and back, and speeds are linear to the next.
     reach = math.ceil(0.5 * _SMOOTHING_S * speed.top_speed / (length_m / (count - 1))) + 1
     lowest = scipy.ndimage.minimum_filter1d(most(place), 2 * reach + 1, mode="nearest")

@@ -2,10 +2,10 @@
 
 docs/integrations.md describes the set-up. The bytes are checked against AgOpenGPS
 (https://github.com/AgOpenGPS-Official/AgOpenGPS) at commit
-d3cfa141be6259c894604fe80da177275323ff2f: docs/pgn-protocol.md; under SourceCode the receiver
-GPS/Forms/UDPComm.Designer.cs, the sender GPS/Forms/PGN.Designer.cs and Position.designer.cs, the
-bridge AgIO/Source/Forms/UDP.designer.cs and NMEA.Designer.cs, the simulated modules
-ModSim/Source/Forms/UDP.designer.cs; and against AgOpenWeb
+d3cfa141be6259c894604fe80da177275323ff2f: its page on the PGN protocol; under SourceCode the
+receiver GPS/Forms/UDPComm.Designer.cs, the sender GPS/Forms/PGN.Designer.cs and
+Position.designer.cs, the bridge AgIO/Source/Forms/UDP.designer.cs and NMEA.Designer.cs, the
+simulated modules ModSim/Source/Forms/UDP.designer.cs; and against AgOpenWeb
 (https://github.com/AgOpenGPS-Official/AgOpenWeb) at commit
 ef18a148052f836364920b17605e953348444e0d: under Shared/AgOpenWeb.Services AutoSteer/PgnBuilder.cs,
 NmeaParserServiceFast.cs and UdpCommunicationService.cs. Where documentation and source differ, as
@@ -234,7 +234,7 @@ class AgOpenGpsProtocol(WireProtocol):
         self._frame = MapFrame(facts.origin_deg)
         self._start = reference.at(0.0).state.tolist()[: State.PSI_I]
 
-    def receive(self, payload: bytes) -> Received:
+    def receive(self, payload: bytes, *, known: bool = False) -> Received:
         """Return the steering command of PGN 254, or the answer to a hello or a scan.
 
         Raises:
@@ -252,18 +252,18 @@ class AgOpenGpsProtocol(WireProtocol):
         if len(data) != _STEER.size:
             raise Refused(f"PGN 254: {len(data)} bytes of data, must be {_STEER.size}")
         _, status, angle, *_ = _STEER.unpack(data)
-        if not self._is_engaged(status):
+        if not self._is_engaged(status, known):
             return Received(released=True)
         self.ready = True
         return Received(RemoteCommand(tick=None, delta_t=-math.radians(0.01 * angle)))
 
-    def _is_engaged(self, status: int) -> bool:
+    def _is_engaged(self, status: int, known: bool) -> bool:
         """Return whether a status lets the vehicle steer; learn the dialect from it."""
         self._heard = True
         if status > 1:
             self._dialect = Dialect.AGOPENWEB
         if self._dialect is Dialect.AGOPENWEB:
-            needed = _WebStatus.ENGAGED if self.ready else _MAY_START
+            needed = _WebStatus.ENGAGED if self.ready or known else _MAY_START
             return status & needed == needed
         if self._dialect is None:
             return False

@@ -60,7 +60,7 @@ class JsonProtocol(WireProtocol):
         """Keep the facts for the welcome."""
         self._facts = facts
 
-    def receive(self, payload: bytes) -> Received:
+    def receive(self, payload: bytes, *, known: bool = False) -> Received:
         """Return the command, or the welcome as a reply to a hello.
 
         Raises:
@@ -77,10 +77,12 @@ class JsonProtocol(WireProtocol):
             what = f"{first['msg']}, got {str(first['input'])[:80]!r}"
             raise Refused(f"`{key}`: {what}" if key else what) from None
         if isinstance(message, _Hello):
-            self._asked, self.peer_name, self.ready = message, message.name, True
+            self._asked = message
+            self.peer_name = message.name
+            self.ready = True
             welcome = {"type": "welcome", "version": message.version, **asdict(self._facts)}
             return Received(replies=(_encoded(welcome),))
-        if not self.ready:
+        if not (self.ready or known):
             raise Refused(f"{message.type} before a hello")
         if isinstance(message, _Resume):
             return Received(resume=True)

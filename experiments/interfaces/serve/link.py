@@ -107,8 +107,12 @@ class WireProtocol:
     def begin(self, facts: RunFacts, reference: Reference) -> None:
         """Take in the facts of the run, before the peer is waited for."""
 
-    def receive(self, payload: bytes) -> Received:
+    def receive(self, payload: bytes, *, known: bool = False) -> Received:
         """Return the content of a datagram.
+
+        Args:
+            payload: of the datagram.
+            known: whether its sender drives, or drove last: it need not say again who it is.
 
         Raises:
             Refused: it is not one of this protocol.
@@ -124,7 +128,7 @@ class WireProtocol:
         raise NotImplementedError
 
     def lapse(self) -> None:
-        """Forget that a peer was ready: another one may say so."""
+        """Forget that a peer was ready, since it fell silent: another one may say so."""
         self.ready = False
 
     def end(self, status: str) -> Sequence[bytes]:

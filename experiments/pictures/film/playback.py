@@ -102,10 +102,12 @@ class Playback:
         motion = self.motion
         k = int(np.searchsorted(motion.time_s, time_s, side="right")) - 1
         k = min(max(k, 0), len(motion.time_s) - 2)
-        before, after = motion.time_s[k], motion.time_s[k + 1]
+        before = motion.time_s[k]
+        after = motion.time_s[k + 1]
         part = min(max((time_s - before) / (after - before), 0.0), 1.0)
         xyz = (1.0 - part) * motion.xyz[k] + part * motion.xyz[k + 1]
-        start, end = motion.quat[k], motion.quat[k + 1]
+        start = motion.quat[k]
+        end = motion.quat[k + 1]
         nearer = np.where(np.sum(start * end, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
         quat = (1.0 - part) * start + part * nearer * end
         return xyz, quat / np.linalg.norm(quat, axis=1, keepdims=True)

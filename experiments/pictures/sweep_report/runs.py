@@ -194,7 +194,8 @@ def differences(sweep: Sweep, against: str) -> pd.DataFrame:
     pairs["error_cm"] -= pairs["error_cm_other"]
 
     def of(part: pd.DataFrame) -> dict[str, Any]:
-        failed, other = part["failed"], part["failed_other"]
+        failed = part["failed"]
+        other = part["failed_other"]
         return {
             "runs": len(part),
             "pairs": int(part["error_cm"].notna().sum()),

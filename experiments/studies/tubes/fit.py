@@ -387,7 +387,8 @@ def _require_enough(
 
 def _longest(flags: np.ndarray) -> int:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    starts, ends = edges[::2], edges[1::2]
+    starts = edges[::2]
+    ends = edges[1::2]
     longest = int(np.argmax(ends - starts))
     return int((starts[longest] + ends[longest]) // 2)
 
