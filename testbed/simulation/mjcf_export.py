@@ -65,11 +65,11 @@ def _wheels(plant: Plant) -> WheelsFile:
     keys = [each.name for each in fields(Tyre)]
     settled = plant.wheels.treads.round(9)  # [m] the file has no number below 1e-12
     tyres: dict[str, Tyre] = {}
-    treads: dict[str, tuple[float, float, float]] = {}
-    for name, (along, across, rolling) in zip(WHEELS, settled.tolist(), strict=True):
+    treads: dict[str, tuple[float, float, float, float]] = {}
+    for name, (along, across, rolling, bore) in zip(WHEELS, settled.tolist(), strict=True):
         wheel = plant.vehicle.wheels[name.split("_")[0]]
         tyres[name] = Tyre(**{key: getattr(wheel, key) for key in keys})
-        treads[name] = (along, across, rolling)
+        treads[name] = (along, across, rolling, bore)
     uniform = np.ptp(plant.ground.cone_index) == 0.0
     return WheelsFile(
         tyres=tyres,

@@ -11,7 +11,8 @@ length = cornering stiffness over lateral stiffness of the tyre, chap. 1 and 5. 
 "Lateral forces on steered tyres in loose soil", J. Terramechanics 5, 1968, and G. Ishigami et al.,
 "Terramechanics-based model for steering maneuver of planetary exploration rovers on loose soil",
 J. Field Robotics 24, 2007, both from memory: side force of a sunk wheel = shear under it + passive
-resistance of the soil beside it.
+resistance of the soil beside it. [R] G. Rill, "Road Vehicle Dynamics", CRC Press, 2012, chap. 3,
+bore torque of TMeasy, from memory, and as Project Chrono has it: one vector of all three slips.
 """
 
 from copy import copy
@@ -99,6 +100,18 @@ class SoilLaw:
     cornering stiffness C W over the lateral stiffness carcass_lat W / delta, and not less than the
     contact of a stiff carcass needs. A model, not measured: no length of an agricultural tyre was
     found in numbers.
+
+    A wheel that turns about the normal of the ground bores into it: the contact is a ring that
+    slides at bore_radius x rate of turn, with the stiffness, the limit and the relaxation length
+    of side slip [R],
+
+        bore_radius = bore x 2/3 R,    R = (a + b / 2) / 2,
+        moment = bore_radius W mu (1 - e^(-C / mu |s|)),    s = bore_radius rate / speed,
+
+    with R the radius of a disc in place of the contact, 2 a long and b wide; 2/3 R mu W is the
+    moment of a disc of even pressure that slides everywhere. In rolling, slip, slip angle and s are
+    one vector, see `combined_ratios`; at rest it is a spring, C W bore_radius^2 / sigma. The moment
+    of a side force about the middle of the contact (pneumatic trail) is left out.
     """
 
     tyre: Literal["by-size", "bias", "radial"] = "by-size"
@@ -156,6 +169,9 @@ class SoilLaw:
     """Damping over stiffness of the tread across the wheel; assumed."""
     damping_roll_s: _Damping = 0.06
     """Damping over stiffness of motion resistance at rest: a vehicle stops without swing; assumed.
+    """
+    bore: NotNegative = 0.0
+    """Radius of the ring that bores over that of [R]; 1: [R], 0: a wheel turns freely on the spot.
     """
 
     @model_validator(mode="before")
@@ -238,14 +254,19 @@ class SoilLaw:
         return np.minimum(self.side_stiffness_per_rad + growth, self.side_stiffness_most_per_rad)
 
     def combined_ratios(
-        self, bn: FloatArray, mobility: FloatArray, slip: FloatArray | float, slip_angle: FloatArray
+        self,
+        bn: FloatArray,
+        mobility: FloatArray,
+        slip: FloatArray | float,
+        slip_angle: FloatArray,
+        bore_slip: FloatArray | float = 0.0,
     ) -> tuple[FloatArray, FloatArray]:
         """Return traction and side force over load, both (n,), at slip and slip angle [rad].
 
-        Under the tyre similarity holds after [P]: slip and slip angle, each over the value at which
-        its initial slope reaches its limit, are one vector,
+        Under the tyre similarity holds after [P]: slip, slip angle and bore slip, each over the
+        value at which its initial slope reaches its limit, are one vector,
 
-            x = traction_slip s,   y = C / mu alpha,   rho = |(x, y)|.
+            x = traction_slip s,   y = C / mu alpha,   z = C / mu s_bore,   rho = |(x, y, z)|.
 
         Both pure curves are 1 - e^-rho of their limit; the force has this size along the vector.
         The soil beside a sunk tyre bears a share b of the side force whatever the slip [S]:
@@ -259,7 +280,8 @@ class SoilLaw:
         largest = self.largest_side_ratio(bn, mobility)
         x = self.traction_slip * np.asarray(slip)
         y = self.side_stiffness(mobility) / largest * slip_angle
-        rho = np.hypot(x, y)
+        z = self.side_stiffness(mobility) / largest * np.asarray(bore_slip)
+        rho = np.sqrt(x**2 + y**2 + z**2)
         share = np.where(rho > 0.0, -np.expm1(-rho) / np.where(rho > 0.0, rho, 1.0), 1.0)
         beside = self.share_beside(bn)
         side = (1.0 - beside) * share * y - beside * np.sign(y) * np.expm1(-np.abs(y))

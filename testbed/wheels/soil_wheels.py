@@ -55,7 +55,7 @@ LONGEST_STEP_S: Final = 0.004
 """Longest time step for which the law is stable."""
 
 _DEFAULT_LAW: Final = SoilLaw()
-_NO_TREADS: Final = MappingProxyType[str, tuple[float, float, float]]({})
+_NO_TREADS: Final = MappingProxyType[str, tuple[float, float, float, float]]({})
 _MOST_GROUND_BYTES: Final = 320_000_000  # of an archive of heights and strengths
 _EXPLICIT: Final = "Euler, implicit or implicitfast"
 
@@ -72,9 +72,9 @@ class WheelsFile:
     """Strength of the soil, where the ground is a geom."""
     ruts: bool = False
     """Whether the wheels press the ground."""
-    treads_m: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    """Deflection of a wheel's tread along, across and in rolling, at the start and after a reset;
-    0 for a wheel that is not named."""
+    treads_m: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
+    """Deflection of a wheel's tread along, across, in rolling and in boring, at the start and after
+    a reset; 0 for a wheel that is not named."""
     law: SoilLaw = field(default=_DEFAULT_LAW)
     """Coefficients of traction, motion resistance and side force."""
 
@@ -108,7 +108,7 @@ class SoilWheels:
         ground: str | Ground,
         cone_index_kpa: float = 600.0,
         law: SoilLaw = _DEFAULT_LAW,
-        treads_m: Mapping[str, tuple[float, float, float]] = _NO_TREADS,
+        treads_m: Mapping[str, tuple[float, float, float, float]] = _NO_TREADS,
     ) -> None:
         if not tyres:
             raise InvalidPlant("wheels: got no name, must be the bodies or geoms of the wheels")

@@ -4,9 +4,9 @@ A wheel is a disc above a Winkler bed: height look-ups under the disc give the n
 (`tyre.contact`), and the cone index gives traction, motion resistance and side force (`soil_law`).
 `ruts` has the ground that wheels press.
 
-The states of a wheel are its tread deflections u: along, across, in rolling. They follow the
-sliding speed w and fade over the relaxation length sigma (single-contact-point model, H. B.
-Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, eq. (7.7)),
+The states of a wheel are its tread deflections u: along, across, in rolling, in turning about the
+normal. They follow the sliding speed w and fade over the relaxation length sigma
+(single-contact-point model, H. B. Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, eq. (7.7)),
 
     du/dt = w - |V| / sigma u,
 
@@ -15,7 +15,8 @@ or of the sliding along the wheel where this is faster. u / sigma is the slip in
 across the tangent of the slip angle. At V = 0 it is a spring, so that a standing wheel holds on a
 slope. The law is the same in reverse. The third deflection follows the wheel's speed; over its
 short length it is the sign of the speed, with which motion resistance acts. Its damping is near the
-critical one of a vehicle at rest, so that a stop does not swing back.
+critical one of a vehicle at rest, so that a stop does not swing back. The fourth slides at the
+speed of the ring that stands for the contact where the wheel turns on the spot (`SoilLaw.bore`).
 """
 
 import math
@@ -41,7 +42,14 @@ from .tyre import TYRE
 WHEEL: Final = np.dtype([(name, np.float64) for name in Wheels._fields])
 """Report of a wheel."""
 
-TREAD: Final = np.dtype([("along", np.float64), ("across", np.float64), ("rolling", np.float64)])
+TREAD: Final = np.dtype(
+    [
+        ("along", np.float64),
+        ("across", np.float64),
+        ("rolling", np.float64),
+        ("bore", np.float64),
+    ]
+)
 """Tread deflections of a wheel [m]."""
 
 # numba compiles module globals as constants; floats and tuples let it unroll the loops
@@ -69,7 +77,7 @@ class WheelSet(NamedTuple):
     ruts: Ruts
     bodies: Bodies
     numbers: NDArray[np.int64]  # (n,) body of each wheel
-    treads: FloatArray  # (n, 3) rows `TREAD`, changed in place
+    treads: FloatArray  # (n, 4) rows `TREAD`, changed in place
     output: FloatArray  # (n, 7) rows `WHEEL`, written
     timestep: float  # [s]
 
@@ -80,6 +88,7 @@ class Slips(NamedTuple):
     along: float  # slip, driving positive
     across: float  # tangent of the slip angle
     rolling: float  # sign of the speed with which motion resistance acts
+    bore: float  # of the ring in the contact, turning to the left positive
 
 
 class Mobility(NamedTuple):
@@ -90,6 +99,7 @@ class Mobility(NamedTuple):
     side_stiffness: float  # [1/rad] initial slope of side force over load
     deflection: float  # [m] of the tyre
     half_length: float  # [m] of the contact
+    bore_radius: float  # [m] of the ring that bores into the ground, see `SoilLaw`
 
 
 class Ratios(NamedTuple):
@@ -98,6 +108,7 @@ class Ratios(NamedTuple):
     pull: float  # along the wheel, at its hub
     side: float  # across the wheel, to its left
     torque: float  # against the wheel's turning, over its radius
+    bore: float  # moment about the normal to the ground, over the radius of the ring
 
 
 @_inlined
@@ -231,12 +242,14 @@ def _mobility(soil: Any, tyre: Any, load: float, cone_index: float) -> Mobility:
     m = pressure * tyre.m_area
     growth = soil.side_stiffness_mobility_per_rad * m
     deflection = min(tyre.radius, borne * tyre.compliance)
+    half_length = math.sqrt(deflection * (2.0 * tyre.radius - deflection))
     return Mobility(
         bn=pressure * tyre.bn_area,
         m=m,
         side_stiffness=min(soil.side_stiffness_per_rad + growth, soil.side_stiffness_most_per_rad),
         deflection=deflection,
-        half_length=math.sqrt(deflection * (2.0 * tyre.radius - deflection)),
+        half_length=half_length,
+        bore_radius=soil.bore / 3.0 * (half_length + 0.5 * tyre.width),
     )
 
 
@@ -265,7 +278,7 @@ def _deflect_tread(
     tread: Any,  # noqa: ANN401 - a record `TREAD`
     soil: Any,  # noqa: ANN401 - a record `SOIL`
     mobility: Mobility,
-    speeds: tuple[float, float, float],
+    speeds: tuple[float, float, float, float],
     timestep: float,
 ) -> Slips:
     """Advance the tread deflections by a time step and return the slips.
@@ -274,10 +287,11 @@ def _deflect_tread(
         tread: record `TREAD`, changed in place.
         soil: record `SOIL`.
         mobility: of the wheel at its load.
-        speeds: of the wheel, of its hub along the wheel, of the contact across it [m/s].
+        speeds: of the wheel, of its hub along the wheel, of the contact across it, of the ring in
+            the contact [m/s].
         timestep: [s].
     """
-    wheel_speed, along, across = speeds
+    wheel_speed, along, across, boring = speeds
     sliding = wheel_speed - along
 
     length = soil.relaxation_long_m
@@ -292,11 +306,12 @@ def _deflect_tread(
     passing = max(abs(along), abs(sliding))
     damping = soil.damping_lat_s
     tread.across, slip_across = _relaxed(tread.across, across, passing, length, damping, timestep)
+    tread.bore, bore = _relaxed(tread.bore, boring, passing, length, damping, timestep)
 
     length = soil.relaxation_roll_m
     damping = soil.damping_roll_s
     tread.rolling, sign = _relaxed(tread.rolling, along, abs(along), length, damping, timestep)
-    return Slips(slip, slip_across, sign)
+    return Slips(slip, slip_across, sign, bore)
 
 
 @_inlined
@@ -315,11 +330,13 @@ def _soil_ratios(
     side_limit = min(soil.side_most, soil.side_bearing * largest_traction)
     largest_side = min(soil.side + soil.side_mobility / mobility.m, side_limit)
 
-    # combined slip: under the tyre one vector (x, y) of length rho, inside the ellipse of both
+    # combined slip: under the tyre one vector (x, y, z) of length rho, inside the ellipsoid of all
     # limits; beside it the slip angle alone
     x = soil.traction_slip * slips.along
-    y = mobility.side_stiffness / largest_side * math.atan(slips.across)
-    rho = math.sqrt(x * x + y * y)
+    steepness = mobility.side_stiffness / largest_side
+    y = steepness * math.atan(slips.across)
+    z = steepness * slips.bore
+    rho = math.sqrt(x * x + y * y + z * z)
     share = -math.expm1(-rho) / rho if rho > 0.0 else 1.0
     traction = largest_traction * share * x
     under = share * y
@@ -341,7 +358,8 @@ def _soil_ratios(
     if braked > 0.0:
         spare = largest_traction * math.sqrt(max(0.0, 1.0 - under**2)) - abs(traction)
         resistance = min(resistance, max(resistance - braked, spare))
-    return Ratios(traction - resistance * slips.rolling, side, torque)
+    bore = -largest_side * share * z
+    return Ratios(traction - resistance * slips.rolling, side, torque, bore)
 
 
 @_inlined
@@ -413,14 +431,15 @@ def _step_wheel(wheels: WheelSet, wheel: int) -> None:
     report.slip_angle = math.atan(across / max(abs(along), _SMALL_SPEED))
 
     if load == 0.0:
-        tread.along = tread.across = tread.rolling = 0.0
+        tread.along = tread.across = tread.rolling = tread.bore = 0.0
         report.load = report.force_long = report.force_lat = 0.0
         apply_wrench(bodies, body, ZERO, ZERO)
         return
 
     # treads and ruts, then the law
     mobility = _mobility(soil, tyre, load, cone_index)
-    speeds = (wheel_speed, along, across)
+    turning = dot(rotation, normal) - dot(rotation, axle) * dot(axle, normal)
+    speeds = (wheel_speed, along, across, mobility.bore_radius * turning)
     slips = _deflect_tread(tread, soil, mobility, speeds, wheels.timestep)
     rut_resistance_factor = 1.0
     if wheels.ruts.firm.size > 0:
@@ -431,13 +450,14 @@ def _step_wheel(wheels: WheelSet, wheel: int) -> None:
     report.force_long = load * ratios.pull
     report.force_lat = load * ratios.side
 
-    # The force acts at the centre of pressure. About the axle the law's torque counts instead of
-    # the moment of the force.
+    # The force acts at the centre of pressure, with the moment of boring about the normal. About
+    # the axle the law's torque counts instead of both.
     force = add(
         scale(load, normal),
         add(scale(report.force_long, ahead), scale(report.force_lat, left)),
     )
-    moment = cross(arm, force)
+    boring = mobility.bore_radius * load * ratios.bore
+    moment = add(cross(arm, force), scale(boring, normal))
     excess = tyre.radius * load * ratios.torque + dot(moment, axle)
     apply_wrench(bodies, body, force, add(moment, scale(-excess, axle)))
 

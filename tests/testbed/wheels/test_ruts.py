@@ -84,7 +84,7 @@ def test_passes_deepen_a_rut_as_published():
         return -float(np.mean(middle)), float(np.mean(works))
 
     (first, work), (second, less) = drive_over(0.03), drive_over(0.03)
-    assert first == pytest.approx(0.03, rel=0.01)
+    assert first == pytest.approx(0.03, rel=1e-6)
     assert work == pytest.approx(1.0, abs=0.1)
     assert 1.25 < second / first < 1.42
     assert less < 0.6 * work

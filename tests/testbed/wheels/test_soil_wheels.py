@@ -10,6 +10,7 @@ import pytest
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat, rough
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.soil_wheels import WheelsFile, write_wheels
 
 from proving_ground import Ground, SoilWheels, Tyre
@@ -93,6 +94,36 @@ def test_the_ground_carries_the_weight_and_takes_the_momentum():
     gravity = mass * model.opt.gravity * data.time
     np.testing.assert_allclose(after - [start, 0.0, 0.0], impulse + gravity, atol=0.02 * start)
     assert wheels.report.load.sum() == pytest.approx(mass * 9.81, rel=0.01)
+
+
+def test_a_wheel_of_any_model_holds_a_steering_axle_that_is_turned_on_the_spot():
+    """The wheel of the rig on a vertical axle: torque of its drive by hand, none without boring."""
+    turntable = RIG.RIG.replace('name="rail" type="slide" axis="1 0 0"', 'name="rail" axis="0 0 1"')
+    load_n = 240.0 * 9.81
+    give = 0.2 * 0.185 * load_n / RIG.TYRE.rated_load_n
+    half_length = math.sqrt(give * (0.8 - give))
+    ring = 2.0 / 3.0 * 0.5 * (half_length + 0.12)
+    torques = []
+    for bore in (0.0, 1.0):
+        model = mujoco.MjModel.from_xml_string(turntable)
+        data = mujoco.MjData(model)
+        law = SoilLaw(bore=bore)
+        wheels = SoilWheels(model, {"wheel": RIG.TYRE}, ground="bin", law=law)
+        data.ctrl[0] = 2.0  # [rad/s]
+        while data.time < 4.0:
+            wheels.apply(model, data)
+            mujoco.mj_step(model, data)
+        torques.append(data.actuator_force[0])
+    assert torques[0] == pytest.approx(0.0, abs=1e-3)
+    firm = 0.61 + 0.69 / mobility_of_side(RIG.TYRE, load_n, 600.0)
+    assert torques[1] == pytest.approx(ring * firm * load_n, rel=0.03)
+
+
+def mobility_of_side(tyre, load_n, cone_index_kpa):
+    """Mobility number of the US Army's Waterways Experiment Station."""
+    diameter = 2.0 * tyre.radius_m
+    cn = cone_index_kpa * 1e3 * tyre.width_m * diameter / load_n
+    return cn * math.sqrt(tyre.relative_deflection) / (1.0 + 0.5 * tyre.width_m / diameter)
 
 
 def test_without_motors_the_ground_only_takes_energy():

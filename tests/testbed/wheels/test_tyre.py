@@ -45,7 +45,7 @@ def step(tyres, ground, cone_index, wheels, deflection, dt, law=LAW):
     """Hand n wheels to the compiled law as bodies of a MuJoCo-like state.
 
     Returns:
-        Tread deflections (n, 3) after `dt` [s], and the forces of the ground.
+        Tread deflections (n, 4) after `dt` [s], and the forces of the ground.
     """
     n = len(wheels.centre)
     bodies = still_bodies(n)
@@ -61,7 +61,7 @@ def step(tyres, ground, cone_index, wheels, deflection, dt, law=LAW):
         ruts=Ruts.none(),
         bodies=bodies,
         numbers=np.arange(2, n + 2),
-        treads=np.array(deflection, dtype=float).reshape(n, 3),
+        treads=np.array(deflection, dtype=float).reshape(n, 4),
         output=np.zeros((n, len(Wheels._fields))),
         timestep=dt,
     )
@@ -94,7 +94,7 @@ def height_at(tyres, load):
 def steady(tyres, cone_index, velocity, spin, axle=(0.0, 1.0, 0.0), load=2500.0):
     """Forces of one wheel on level ground after its tread has come to rest."""
     wheel = motion([0, 0, height_at(tyres, load)], axle, velocity, np.asarray(axle) * spin)
-    state = np.zeros((1, 3))
+    state = np.zeros((1, 4))
     for _ in range(400):
         state, forces = step(tyres, FLAT, cone_index, wheel, state, 0.02)
     return forces
@@ -199,7 +199,7 @@ def alike(tyres, n) -> Tyres:
 
 
 def any_motions(rng, tyres, n):
-    """Wheels on level ground that roll, slide, spin, are locked, or are close to rest."""
+    """Wheels on level ground that roll, slide, spin, turn, are locked, or are close to rest."""
     scale = rng.choice([1e-3, 0.05, 1.0], (n, 1))
     velocity = scale * rng.normal(size=(n, 3)) * [1.0, 1.0, 0.0]
     velocity[:, 1:2] *= rng.choice([0.0, 0.2, 1.0], (n, 1))
@@ -207,7 +207,9 @@ def any_motions(rng, tyres, n):
     velocity[0], spin[0] = (1.0, 0.0, 0.0), 0.0  # locked
     centre = np.tile([0.0, 0.0, height_at(one(tyres), 2500.0)], (n, 1))
     axle = np.tile([0.0, 1.0, 0.0], (n, 1))
-    return WheelMotion(centre, axle, velocity, axle * spin)
+    turn = rng.normal(size=(n, 1)) * rng.choice([0.0, 0.1, 2.0], (n, 1))
+    turn[0] = 0.0
+    return WheelMotion(centre, axle, velocity, axle * spin + [0.0, 0.0, 1.0] * turn)
 
 
 def power(wheels, forces):
@@ -215,14 +217,15 @@ def power(wheels, forces):
     return (forces.force * wheels.velocity + forces.moment * wheels.rotation).sum(axis=1)
 
 
+@pytest.mark.parametrize("bore", [0.0, 1.0])
 @pytest.mark.parametrize("cone_index", [40.0, 120.0, 300.0, 600.0, 2000.0])
-def test_forces_stay_inside_the_ellipse_and_only_take_energy(tyres, cone_index):
+def test_forces_stay_inside_the_ellipse_and_only_take_energy(tyres, cone_index, bore):
     """Traction and side force; the hub of a locked wheel has the larger of grip and resistance."""
     many = alike(tyres, 200)
     wheels = any_motions(np.random.default_rng(5), tyres, 200)
-    state = np.zeros((200, 3))
+    state = np.zeros((200, 4))
     for _ in range(400):
-        state, forces = step(many, FLAT, cone_index, wheels, state, 0.02)
+        state, forces = step(many, FLAT, cone_index, wheels, state, 0.02, SoilLaw(bore=bore))
     bn, m = tyre.mobility(LAW, many, forces.load, np.full(200, cone_index))
     grip_long = LAW.largest_traction_ratio(bn) * forces.load
     grip_lat = LAW.largest_side_ratio(bn, m) * forces.load
@@ -249,7 +252,7 @@ def test_an_undriven_wheel_has_the_resistance_of_brixius_on_any_soil(tyres, cone
     slip = float(LAW.towed_slip(bn)[0])
     spin = (1.0 + slip) / single.radius[0]
     wheel = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], [1, -angle, 0], [0, spin, 0])
-    state = np.zeros((1, 3))
+    state = np.zeros((1, 4))
     for _ in range(500):
         state, forces = step(single, FLAT, cone_index, wheel, state, 0.02)
     expected = 1.0 / bn + 0.04 * (angle == 0.0)
@@ -272,7 +275,7 @@ def test_relaxation_length_of_each_tyre_is_cornering_over_lateral_stiffness(tyre
         length = max(contact, min(2.34 + 0.088 * m[0], 6.0) * give / 0.55)
         spin = 1.0 / single.radius[0]
         wheel = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], [1, 1e-4, 0], [0, spin, 0])
-        state, side = np.zeros((1, 3)), []
+        state, side = np.zeros((1, 4)), []
         for _ in range(4000):
             state, forces = step(single, FLAT, cone_index, wheel, state, 0.001)
             side.append(forces.force_lat[0])
@@ -326,7 +329,7 @@ def test_force_builds_up_over_its_relaxation_length(tyres, name, length, damping
     wheel = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], v, [0, spin, 0])
 
     def force(steps, dt):
-        state = np.zeros((1, 3))
+        state = np.zeros((1, 4))
         for _ in range(steps):
             state, forces = step(single, FLAT, 600.0, wheel, state, dt, law=law)
         pull, side, moment = forces.force_long[0], forces.force_lat[0], forces.moment[0, 1]
@@ -337,13 +340,67 @@ def test_force_builds_up_over_its_relaxation_length(tyres, name, length, damping
     assert force(1000, dt) / force(300, 100 * dt) == pytest.approx(expected, abs=0.001)
 
 
+def standing_ring(single, load, cone_index):
+    """By hand: radius of a disc in place of the contact times 2/3 [m]; C, mu, sigma of side slip.
+
+    The disc has the mean of half length and half width of the contact for its radius (TMeasy).
+    """
+    bn, m = tyre.mobility(LAW, single, np.array([load]), np.array([cone_index]))
+    give = 0.2 * single.section_height[0] * load / single.rated_load[0]
+    half_length = math.sqrt(give * (2.0 * single.radius[0] - give))
+    disc = 0.5 * (half_length + 0.5 * single.width[0])
+    stiffness = min(2.34 + 0.088 * m[0], 6.0)
+    limit = min(0.61 + 0.69 / m[0], 0.88, 0.88 * (1.0 - math.exp(-0.1 * bn[0])))
+    return 2.0 / 3.0 * disc, stiffness, limit, max(half_length, stiffness * give / 0.55)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("cone_index", [150.0, 600.0, 2000.0])
+def test_a_wheel_that_turns_on_the_spot_bores_as_a_disc_of_even_pressure(
+    tyres, cone_index, direction
+):
+    """A spring C W r^2 / sigma at first, 2/3 R mu W at last but for what a slip of 1 lacks."""
+    single, load, rate = one(tyres), 2500.0, 0.2
+    law = SoilLaw(bore=1.0, damping_lat_s=0.0)
+    ring, stiffness, limit, length = standing_ring(single, load, cone_index)
+    rotation = [0, 0, direction * rate]
+    wheel = motion([0, 0, height_at(single, load)], [0, 1, 0], [0, 0, 0], rotation)
+    state, moments, dt = np.zeros((1, 4)), [], 0.01
+    angles = rate * dt * (1.0 + np.arange(1.2 * length / ring / (rate * dt)))
+    for _ in angles:
+        state, forces = step(single, FLAT, cone_index, wheel, state, dt, law=law)
+        moments.append(-direction * forces.moment[0, 2])
+    slip = np.minimum(1.0, ring * angles / length)
+    expected = ring * limit * load * -np.expm1(-stiffness / limit * slip)
+    np.testing.assert_allclose(moments, expected, rtol=1e-5)
+    assert np.abs(forces.force[0, :2]).max() < 1e-9 * load
+
+
+@pytest.mark.parametrize("bore_slip", [0.01, 0.2])
+def test_boring_takes_side_force_away_and_fades_with_speed(tyres, bore_slip):
+    """In steady rolling at 1 m/s: one vector of slip angle and bore slip, by hand."""
+    single, law, load, angle = one(tyres), SoilLaw(bore=1.0, side_beside_bn=0.0), 2500.0, 0.1
+    ring, stiffness, limit, _ = standing_ring(single, load, 600.0)
+    spin = 1.0 / single.radius[0]
+    rotation = [0, spin, bore_slip / ring]
+    velocity = [1.0, math.tan(angle), 0.0]
+    wheel = motion([0, 0, height_at(single, load)], [0, 1, 0], velocity, rotation)
+    state = np.zeros((1, 4))
+    for _ in range(400):
+        state, forces = step(single, FLAT, 600.0, wheel, state, 0.02, law=law)
+    size = math.hypot(angle, bore_slip)
+    force = limit * load * (1.0 - math.exp(-stiffness / limit * size))
+    assert -forces.force_lat[0] == pytest.approx(force * angle / size, rel=1e-5)
+    assert -forces.moment[0, 2] == pytest.approx(ring * force * bore_slip / size, rel=1e-5)
+
+
 def test_no_load_in_the_air_and_never_a_pull(tyres):
     single = one(tyres)
     z = height_at(single, 2500.0)
     leaving = motion([0, 0, z], [0, 1, 0], [0, 0, 50.0], [0, 0, 0])
     assert tyre.contact(single, FLAT, leaving).load[0] == 0.0
     air = motion([0, 0, 2.0], [0, 1, 0], [1, 0, 0], [0, 2.5, 0])
-    state, forces = step(single, FLAT, 600.0, air, np.full((1, 3), 0.01), DT)
+    state, forces = step(single, FLAT, 600.0, air, np.full((1, 4), 0.01), DT)
     assert not forces.force.any()
     assert not forces.moment.any()
     assert not state.any()
@@ -362,7 +419,7 @@ def test_forces_act_along_the_wheels_axes_at_the_centre_of_pressure(tyres):
         velocity = rng.normal(size=(6, 3)) * rng.choice([0.0, 1e-3, 1.5], (6, 1))
         rotation = 4.0 * axle * rng.normal(size=(6, 1)) + 0.3 * rng.normal(size=(6, 3))
         wheels = WheelMotion(np.column_stack([xy, above]), axle, velocity, rotation)
-        _, forces = step(tyres, ground, 300.0, wheels, np.zeros((6, 3)), DT)
+        _, forces = step(tyres, ground, 300.0, wheels, np.zeros((6, 4)), DT)
         touch = tyre.contact(tyres, ground, wheels)
         np.testing.assert_allclose(forces.load, touch.load, atol=1e-5)
         np.testing.assert_allclose(forces.ground, ground.height(*xy.T), atol=1e-12)
@@ -400,7 +457,7 @@ def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
         ruts=Ruts.none(),
         bodies=bodies,
         numbers=np.arange(2, 8),
-        treads=np.zeros((6, 3)),
+        treads=np.zeros((6, 4)),
         output=np.zeros((6, len(Wheels._fields))),
         timestep=DT,
     )
