@@ -186,7 +186,7 @@ class ControllerSettings:
     noise: NoiseSettings = NoiseSettings()
     """Noise of the sensors that the estimator assumes."""
     learn: bool = True
-    """Whether parameters of the model are learnt while driving, see docs/adaptation.md."""
+    """Whether parameters of the model are learnt while driving, see docs/appendix/adaptation.md."""
     learn_field: bool = False
     """Whether disturbances are learnt by place, for later passes over the same line."""
     foresee: bool | None = None

@@ -22,7 +22,7 @@ class SpeedTube:
     h_0 is due to the noise of the sensors, which filter and controller follow at any speed. A push,
     by a slip angle for example, moves a point sideways in proportion to v, while the time until
     filter and steering have answered does not depend on it. Both are measured on runs of the
-    controller on ground alike (docs/mpc-bounds.md, Corridor); linear is assumed.
+    controller on ground alike (docs/appendix/mpc-bounds.md, Corridor); linear is assumed.
 
     Raises:
         InvalidTuning: a value is not finite or negative.
