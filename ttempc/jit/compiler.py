@@ -6,10 +6,12 @@ from collections.abc import Callable
 from typing import Any, Final, ParamSpec, TypeVar
 
 import numba
+from llvmlite.binding import Linkage
 from numba.core import typed_passes, untyped_passes
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.compiler_machinery import PassManager
+from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
 
 from .cache import KernelCache
 
@@ -30,6 +32,42 @@ FAST: Final = {"reassoc", "contract", "arcp", "nsz"}
 P = ParamSpec("P")
 R = TypeVar("R")
 
+
+class _KernelLibrary(JITCodeLibrary):
+    """Machine code of a kernel whose calls go to the copies of its callees in the same code.
+
+    numba lets the linker choose between this copy and the callee's own code, if the process has
+    that. Both were optimised apart and can differ in the order of their sums (`FAST`): the last
+    bits would depend on which kernels a process compiles and which it loads.
+    """
+
+    def _finalize_final_module(self) -> None:
+        shared: Any = self._final_module
+        own = shared.clone()
+        for function in own.functions:
+            if function.linkage is Linkage.linkonce_odr and not function.is_declaration:
+                function.linkage = Linkage.internal
+        self._final_module = own
+        super()._finalize_final_module()
+        self._final_module = shared  # callers of this kernel link its callees once
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _MakeLibrary(AnalysisPass):
+    """Give a kernel the library that `NativeLowering` fills."""
+
+    _name = "make_library"
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> Any:  # noqa: ANN401 - of numba
+        """Make the library; False says that nothing else changes."""
+        state.library = _KernelLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return False
+
+
 _PASSES: Final = (
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
@@ -41,6 +79,7 @@ _PASSES: Final = (
     typed_passes.PreLowerStripPhis,
     typed_passes.IRLegalization,
     typed_passes.AnnotateTypes,
+    _MakeLibrary,
     typed_passes.NativeLowering,
     typed_passes.NoPythonBackend,
 )
