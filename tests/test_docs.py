@@ -7,12 +7,17 @@ import pkgutil
 import re
 import tomllib
 from dataclasses import fields
+from itertools import dropwhile, takewhile
 from pathlib import Path
 
 import pytest
 from proving_ground.experiments.commands.cli import main
+from proving_ground.testbed.ground.soil import NAMED_SOILS
+from proving_ground.testbed.implement.implement import IMPLEMENTS
+from proving_ground.testbed.sensing.receivers import PLACES, receiver
 
 import ttempc
+from ttempc.guidance.controllers import CONTROLLERS
 from ttempc.types import Disturbance, Estimate, Input, State
 
 ROOT = Path(__file__).parents[1]
@@ -78,3 +83,58 @@ def test_the_entries_that_a_controller_gets_are_listed():
 def test_the_citation_names_this_version():
     text = (ROOT / "CITATION.cff").read_text()
     assert re.findall(r"^version: (.+)$", text, re.MULTILINE) == [ttempc.__version__]
+
+
+REFERENCE = ("architecture", "benchmark", "catalogue", "faults", "interfaces", "mjcf")
+"""Pages to look something up in; those of the appendix are such, too."""
+
+
+def test_pages_can_be_read_in_an_hour_and_each_in_six_minutes():
+    """At 250 words a minute; tables and code count."""
+    pages = [page for page in (ROOT / "docs").glob("*.md") if page.stem not in REFERENCE]
+    words = {page.stem: len(page.read_text().split()) for page in pages}
+    assert max(words.values()) <= 1500, max(words, key=words.__getitem__)
+    assert sum(words.values()) <= 15_000
+
+
+def table(section):
+    """Return the rows of the first table of a section of the catalogue by their first cell."""
+    text = (ROOT / "docs" / "catalogue.md").read_text().split(f"## {section}\n")[1]
+    below = dropwhile(lambda line: not line.startswith("|"), text.split("\n"))
+    lines = takewhile(lambda line: line.startswith("|"), below)
+    rows = [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in lines]
+    return rows[0], {row[0]: row[1:] for row in rows[2:]}
+
+
+def test_the_catalogue_has_the_soils_of_the_code():
+    _, rows = table("Soils")
+    assert {name: float(cells[0]) for name, cells in rows.items()} == NAMED_SOILS
+
+
+def test_the_catalogue_has_the_receivers_of_the_code():
+    head, rows = table("Receivers")
+    assert head[1:] == [place.replace("-", " ") for place in PLACES]
+    deviations = rows["deviation of an axis, white part [mm]"]
+    for place, cell in zip(PLACES, deviations, strict=True):
+        found = receiver(place)
+        assert [float(part) for part in cell.split(",")] == [
+            round(1000.0 * found.sd),
+            round(1000.0 * found.white_sd),
+        ]
+
+
+def test_the_catalogue_has_the_implements_of_the_code():
+    _, rows = table("Implements")
+    assert rows.keys() == IMPLEMENTS.keys()
+    for name, (a, b, c, factors, spacing, vertical) in rows.items():
+        draft = IMPLEMENTS[name]
+        assert [float(a), float(b), float(c)] == [draft.a, draft.b, draft.c]
+        assert [float(part) for part in factors.split(",")] == [draft.medium, draft.coarse]
+        assert spacing == ("by width" if draft.spacing_m is None else f"{draft.spacing_m:.2f}")
+        assert float(vertical) == draft.vertical
+
+
+def test_the_catalogue_has_every_controller():
+    _, rows = table("Controllers")
+    listed = {name.strip(" `") for names in rows for name in names.split(",")}
+    assert listed == CONTROLLERS.keys()
