@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run test bench lint docs wheels clean
+.PHONY: run test bench lint docs wheels release clean
 
 run: $(VENV)/.run          ## drive the default scenario to its end
 	$(BIN)/ttempc run grass
@@ -25,9 +25,17 @@ docs: $(VENV)/.dev         ## the documentation site: dist/site/index.html
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going docs dist/site
 
 wheels: $(VENV)/.dev       ## dist/: the control library alone, and the proving ground, with their kernels
+	rm -rf dist
 	$(BIN)/python packaging/kernels.py
 	TTEMPC_LIBRARY="==$$($(BIN)/python -c 'import ttempc; print(ttempc.__version__)')" \
 		$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist ./ttempc .
+
+release: wheels            ## dist/: wheels and sources, checked, and driven in an environment without compiler and cache
+	$(BIN)/python -m pip install --quiet 'build>=1.2,<2' 'twine>=6,<7'
+	$(BIN)/python -m build --sdist --outdir dist ttempc
+	$(BIN)/python -m build --sdist --outdir dist .
+	$(BIN)/python -m twine check --strict dist/*
+	$(BIN)/python packaging/release.py
 
 # Both editable: the library is named here, so that no copy of it is installed. Modules are compiled when they are first imported.
 PIP := TTEMPC_LIBRARY= $(BIN)/python -m pip install --quiet --no-compile --editable ttempc

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -65,22 +64,9 @@ def content(wheel):
 
 
 def installed(folder, *wheels):
-    """Unpack wheels, with the kernels that this tree has compiled already, if any.
-
-    numba loads machine code for a file of the same age and size, the project for code of the same
-    fingerprint only.
-    """
+    """Unpack wheels and return the environment of a process that imports them."""
     for wheel in wheels:
         zipfile.ZipFile(wheel).extractall(folder)
-    for top, source in (("ttempc", ROOT / "ttempc"), ("proving_ground/testbed", ROOT / "testbed")):
-        for kernel in source.rglob("__pycache__/*.nb[ci]") if (folder / top).is_dir() else ():
-            module = kernel.parents[1] / f"{kernel.name.partition('.')[0]}.py"
-            copy = folder / top / module.relative_to(source)
-            if not copy.exists():  # machine code of a module that is gone
-                continue
-            os.utime(copy, ns=(0, module.stat().st_mtime_ns))
-            copy.with_name("__pycache__").mkdir(exist_ok=True)
-            shutil.copy(kernel, copy.with_name("__pycache__"))
     return {**os.environ, "PYTHONPATH": str(folder)}
 
 
