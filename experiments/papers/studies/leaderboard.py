@@ -54,8 +54,6 @@ SHIPPED: Final = (
     ("romea-backstepping",),
     ("lqr",),
     ("pid",),
-    ("romea-backstepping",),
-    ("romea-predictive",),
 )
 """Shipped controllers, and parts of the default switched off, as of `--set`."""
 
