@@ -25,15 +25,17 @@ docs: $(VENV)/.dev         ## the documentation site: dist/site/index.html
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going docs dist/site
 
 wheels: $(VENV)/.dev       ## dist/: the control library alone, and the proving ground, with their kernels
-	rm -rf dist
+	rm -f dist/*.whl
 	$(BIN)/python packaging/kernels.py
 	TTEMPC_LIBRARY="==$$($(BIN)/python -c 'import ttempc; print(ttempc.__version__)')" \
 		$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist ./ttempc .
 
-release: wheels            ## dist/: wheels and sources, checked, and driven in an environment without compiler and cache
-	$(BIN)/python -m pip install --quiet 'build>=1.2,<2' 'twine>=6,<7'
+release: $(VENV)/.dev      ## dist/: wheels and sources, checked, and driven in an environment without compiler and cache
+	rm -rf dist ttempc/kernels packaging/proving_ground/kernels
+	$(BIN)/python -m pip install --quiet 'build>=1.2,<2' 'twine>=7,<8'
 	$(BIN)/python -m build --sdist --outdir dist ttempc
 	$(BIN)/python -m build --sdist --outdir dist .
+	$(MAKE) wheels
 	$(BIN)/python -m twine check --strict dist/*
 	$(BIN)/python packaging/release.py
 

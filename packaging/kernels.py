@@ -19,26 +19,27 @@ MADE = ROOT / "build" / "kernels"
 PACKAGES = {"ttempc": ROOT / "ttempc", "proving_ground": ROOT / "packaging" / "proving_ground"}
 FOLDER = "kernels"  # in a package, see `ttempc.jit.cache.SHIPPED`
 
+STRAIGHT = "path={kind='straight',length_m=12}"
+LOOP = "path={kind='headland',passes=2,length_m=10}"  # in curves the lengths are learnt
+
 DRIVES = (
-    ("grass", "ttempc"),
-    ("grass", "ttempc-nominal"),
-    ("grass", "ttempc-tube"),
-    ("grass", "pid"),
-    ("grass", "lqr"),
-    ("grass", "nmpc-rti"),
-    ("wet-slope", "ttempc"),
-    ("cultivate", "ttempc"),  # a tool
-    ("soft-passes", "ttempc"),  # ruts
-    ("plain-trailer", "ttempc"),
+    ("grass", "ttempc", STRAIGHT),
+    ("grass", "ttempc-nominal", STRAIGHT),
+    ("grass", "ttempc-tube", STRAIGHT),
+    ("grass", "pid", STRAIGHT),
+    ("grass", "lqr", STRAIGHT),
+    ("grass", "nmpc-rti", STRAIGHT),
+    ("wet-slope", "ttempc", LOOP),
+    ("cultivate", "ttempc", STRAIGHT),  # a tool
+    ("soft-passes", "ttempc", STRAIGHT),  # ruts
+    ("plain-trailer", "ttempc", STRAIGHT),
 )
-SHORT = ("path={kind='straight',length_m=12}",)
 
 
-def drive(scenario: str, controller: str) -> None:
-    """Drive a short straight in a process whose kernels go to `MADE`."""
-    settings = [*SHORT, f"controller.name={controller}"]
+def drive(scenario: str, controller: str, path: str) -> None:
+    """Drive a short path in a process whose kernels go to `MADE`."""
     command = [sys.executable, "-m", "proving_ground.experiments.commands.cli", "run", scenario]
-    for setting in settings:
+    for setting in (path, f"controller.name={controller}"):
         command += ["--set", setting]
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(MADE)}
     with tempfile.TemporaryDirectory() as folder:
@@ -63,8 +64,8 @@ def main() -> None:
     """Compile from nothing, so that no kernel of older code is carried."""
     shutil.rmtree(MADE, ignore_errors=True)
     MADE.mkdir(mode=0o700, parents=True)
-    for scenario, controller in DRIVES:
-        drive(scenario, controller)
+    for each in DRIVES:
+        drive(*each)
     carry()
 
 

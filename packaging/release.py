@@ -78,6 +78,8 @@ def faults_of_source(path: Path) -> Iterator[str]:
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         if name not in names:
             yield f"{path.name}: lacks {name}"
+    if any(name.endswith(".kernel") for name in names):
+        yield f"{path.name}: has machine code"
 
 
 def example_of_readme() -> str:
