@@ -83,14 +83,15 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
     Roll and pitch of the IMUs are what side slip and wheel slip on a slope follow, by two
     coefficients that are learnt. Without IMUs slopes look like drifts: limits are higher.
 
-    Above the first limit the vehicle slows down, above the second one it stops.
+    Above the first limit the vehicle slows down, above the second one it stops, unless velocities
+    of GNSS confirm the positions.
 
     Args:
         memory: record `DRIFT`.
         board: record `BOARD`.
         data: of the tick.
         confirmed: whether measured velocities of GNSS confirm the positions: what is left to the
-            ground is a drift of both, and limits are higher.
+            ground is a drift of both. The first limit is higher, and nothing stops the vehicle.
     """
     if has_alarm(board, DetectorIndex.DRIFT_SURE):
         return  # both statistics stay
@@ -115,7 +116,7 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
                     memory.way,
                 )
     if placed and span_s > 0.0:
-        _judge(memory, board, min(span_s, _LONGEST_TICK_S), _CONFIRMED if confirmed else 1.0)
+        _judge(memory, board, min(span_s, _LONGEST_TICK_S), confirmed)
 
 
 @kernel
@@ -206,8 +207,13 @@ def _remember_pose(memory: Record, data: TickData) -> None:
 
 
 @kernel
-def _judge(memory: Record, board: Record, span_s: float, factor: float) -> None:
-    """Write the statistic of both limits, and the drift; `factor` is that of the limits."""
+def _judge(memory: Record, board: Record, span_s: float, confirmed: bool) -> None:
+    """Write the statistic of both limits, and the drift.
+
+    Where GNSS velocities confirm the positions the second limit has none: a slip that no slope
+    explains is far more likely than a receiver that lies alike in both.
+    """
+    factor = _CONFIRMED if confirmed else 1.0
     tractor = memory.receivers[Body.TRACTOR]
     trailer = memory.receivers[Body.TRAILER]
     shortest = tractor.shortest + trailer.shortest
@@ -231,3 +237,5 @@ def _judge(memory: Record, board: Record, span_s: float, factor: float) -> None:
         board.residual[index] = largest
         board.proposed[index, AlarmColumn.FIRST] = 100.0 * drift_mps
         board.proposed[index, AlarmColumn.SECOND] = drift_mps * age_s
+    if confirmed:
+        board.statistic[DetectorIndex.DRIFT_SURE] = 0.0

@@ -129,8 +129,13 @@ def observe_detectors(
 
     hold_motion(board)
     latch_alarms(board)
-    confirmed = confirms(s.velocity) and not has_alarm(board, DetectorIndex.VELOCITY)
-    exclude_sensors(board, s.position, s.last, confirmed, now)
+    exclude_sensors(board, s.position, s.last, _is_confirmed(s), now)
+
+
+@kernel
+def _is_confirmed(s: Record) -> bool:
+    """Return whether velocities of GNSS confirm its positions."""
+    return confirms(s.velocity) and not has_alarm(s.board, DetectorIndex.VELOCITY)
 
 
 @kernel
@@ -173,7 +178,7 @@ def _observe_estimate(s: Record, data: TickData) -> None:
     if board.enabled[DetectorIndex.PROTECTION]:
         observe_protection(s.position, s.last, board, data)
     if board.enabled[DetectorIndex.DRIFT]:
-        confirmed = confirms(s.velocity)
+        confirmed = _is_confirmed(s)
         observe_drift(s.drift, board, data, confirmed)
         if board.enabled[DetectorIndex.STEPS]:
             position_sd = s.speeds.position_sd

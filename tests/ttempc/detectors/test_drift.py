@@ -12,6 +12,7 @@ from ttempc.types import Estimate, Measurement, Sensor
 
 DRIFT = [BUILT_IN[index].name for index in (DetectorIndex.DRIFT, DetectorIndex.DRIFT_SURE)]
 AT_REST = BUILT_IN[DetectorIndex.AT_REST].name
+VELOCITIES = (Sensor.VELOCITY_TRACTOR, Sensor.VELOCITY_TRAILER)
 BEHIND_M = 3.0
 RADIUS_M = 12.0
 
@@ -19,12 +20,14 @@ RADIUS_M = 12.0
 class Circle:
     """A vehicle on a circle: a slope moves it aside in proportion to its way, a drift to time."""
 
-    def __init__(self, names, seed=1, imu=False, held=False):
+    def __init__(self, names, seed=1, imu=False, held=False, velocity=False):
         self.rng = np.random.default_rng(seed)
         self.monitors = Monitors(names)
         self.imu = imu
+        self.velocity = velocity  # receivers measure it, of what they say of their positions
         self.held = held  # receivers hold their positions while the vehicle stands
         self.last = {}
+        self.drifted = np.zeros(2)  # at the tick before
 
     def drive(self, seconds, slope=0.0, drift_mps=0.0, from_s=0.0, speed_mps=1.0):
         """Return the times at which each alarm begins [s], by name, and the alarms at the end.
@@ -61,6 +64,14 @@ class Circle:
             else:
                 self.last[sensor] = at
             samples.append(Measurement(time_s, sensor, tuple(at), 1))
+        if self.velocity:
+            moves = speed * ahead + (drifted - self.drifted) / PERIOD_S
+            swings = BEHIND_M * speed / RADIUS_M * np.array([np.cos(angle), np.sin(angle)])
+            velocities = moves + self.rng.normal(0.0, 0.03, (2, 2))
+            velocities[1] += swings
+            for sensor, velocity in zip(VELOCITIES, velocities, strict=True):
+                samples.append(Measurement(time_s, sensor, (*velocity, 0.03)))
+        self.drifted = drifted
         if self.imu:
             roll = 2.0 * slope * -np.cos(angle)
             tilt = (speed / RADIUS_M, roll, 0.0)
@@ -81,6 +92,15 @@ def test_a_drift_slows_then_stops_the_vehicle_and_a_slope_does_not(imu):
     assert float(alarms[-1].reason.split()[3]) == pytest.approx(12.0, abs=5.0)
     begins, _ = Circle(DRIFT, imu=imu).drive(150.0, slope=0.05)
     assert not begins
+
+
+def test_positions_that_velocities_confirm_slow_the_vehicle_down_and_never_stop_it():
+    """Nothing but slip tells such a drift; the first limit is higher."""
+    names = [*DRIFT, BUILT_IN[DetectorIndex.VELOCITY].name]
+    begins, _ = Circle(names, imu=True, velocity=True).drive(150.0, drift_mps=0.12, from_s=40.0)
+    alone, _ = Circle(DRIFT, imu=True).drive(150.0, drift_mps=0.12, from_s=40.0)
+    assert [*begins] == [DRIFT[0]]
+    assert begins[DRIFT[0]] > alone[DRIFT[0]]
 
 
 def test_the_two_limits_are_seen_in_this_order_and_a_faster_drift_sooner():
