@@ -90,9 +90,12 @@ REFERENCE = ("architecture", "benchmark", "catalogue", "faults", "interfaces", "
 
 
 def test_pages_can_be_read_in_an_hour_and_each_in_six_minutes():
-    """At 250 words a minute; tables and code count."""
-    pages = [page for page in (ROOT / "docs").glob("*.md") if page.stem not in REFERENCE]
-    words = {page.stem: len(page.read_text().split()) for page in pages}
+    """At 250 words a minute; code counts, generated tables do not."""
+    words = {}
+    for page in (ROOT / "docs").glob("*.md"):
+        text = re.sub(r"<!-- table: .*?<!-- end -->", "", page.read_text(), flags=re.DOTALL)
+        if page.stem not in REFERENCE:
+            words[page.stem] = len(text.split())
     assert max(words.values()) <= 1500, max(words, key=words.__getitem__)
     assert sum(words.values()) <= 15_000
 

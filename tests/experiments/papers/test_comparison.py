@@ -1,6 +1,5 @@
 """Tables of comparisons from rows of known errors; both tables of the benchmark."""
 
-import itertools
 import math
 
 import numpy as np
@@ -11,6 +10,7 @@ from proving_ground.experiments.papers.studies import comparison as module
 from proving_ground.experiments.results.summary import ACTUATOR_USE
 from proving_ground.experiments.studies.sweep.results import frame
 from proving_ground.experiments.studies.sweep.row import no_figures
+from proving_ground.experiments.studies.trials.definition import trial_files
 from proving_ground.testbed.randomness import generator
 
 FIELDS = ("grass", "old-valves", "split", "wet-slope")
@@ -103,24 +103,15 @@ def first_number(cell):
     return math.nan if cell == "–" else float(cell.split(" / ")[0])
 
 
-def test_both_tables_of_results_order_controllers_alike_or_the_page_says_so():
-    """Whatever is ahead of `ttempc` at a scenario beyond the rounding is named on the page."""
+def test_results_name_every_trial_at_which_a_rival_has_the_smaller_error():
+    """The list below the table says of each rival where it is ahead, level and behind."""
     page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
-    entries = (ROOT / "docs" / "appendix" / "benchmark.md").read_text(encoding="utf-8")
-    results = blocks(entries)["field-trials"]
     table, said, _ = blocks(page)["headline"].strip().split("\n\n")
-    short = costs(table)
-    tables = [part for part in results.split("\n\n") if part.startswith("|")]
-    by_entry = costs(tables[1])
-    trials = [*next(iter(by_entry.values()))]
-    for entry, row in by_entry.items():
-        for name in trials:
-            assert row[name] == short[name].get(entry, row[name])
-    prose = page.replace(table, "")
-    assert {line.count("`ttempc`") for line in said.splitlines()} == {1}
-    for name in trials:
-        own = {entry: row[name] for entry, row in by_entry.items()}
-        for one, other in itertools.permutations(short[name], 2):
-            opposite = short[name][one] < short[name][other] and own[one] > own[other]
-            assert not opposite or f"`{name}`" in prose, (name, one, other)
-        assert short[name]["pid"] >= short[name]["ttempc"] or f"`{name}`" in prose, name
+    lines = {line.split("`")[1]: line for line in said.splitlines()}
+    rows = {name: row for name, row in costs(table).items() if name in trial_files()}
+    assert len(rows) == 12
+    for rival, line in lines.items():
+        not_behind = line.partition("; behind in")[0]
+        for name, row in rows.items():
+            if row[rival] < row["ttempc"]:
+                assert f"`{name}`" in not_behind, (rival, name)
