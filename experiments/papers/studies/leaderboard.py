@@ -185,7 +185,7 @@ def headline(shown: Sequence[ScoreCard]) -> Block:
         f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
         f"not complete counts {LOSS_M:g} m; oracle: a drive that knew all beforehand, no proven "
         f"optimum; level: within {MARGIN:.0%} or not told apart; `ttempc bench NAME`; "
-        "all entries and intervals below</sub>"
+        "all entries: appendix</sub>"
     )
     home = (_percent(card.score.home) for card in shown)
     runs = len(_ABOUT) * first.draws.count
