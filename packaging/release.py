@@ -6,7 +6,6 @@ fault, 0 with the list of the distributions.
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -19,7 +18,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"
-COMPILING = "compiling kernels"
+DRIVE_S = 600.0  # after which a command of the check counts as hung
+KERNELS = Path(".cache") / "ttempc" / "kernels"  # of the user, below the home folder
 # Of each wheel: the folders of the checkout that it carries, and where they stand in it.
 FOLDERS = {
     "ttempc": {"ttempc": "ttempc"},
@@ -100,19 +100,28 @@ def faults_of_drives(wheels: list[Path]) -> Iterator[str]:
         # No compiler is on this path, and the caches are empty.
         environment = {"PATH": str(programs), "HOME": folder, "MUJOCO_GL": "egl"}
         short = ["--set", "path={kind='straight',length_m=12}"]
-        commands = {
+        drives = {
             "ttempc demo": [programs / "ttempc", "demo", "-o", "demo"],
             "ttempc run": [programs / "ttempc", "run", "grass", *short, "-o", "run"],
             "README": [programs / "python", "-c", example_of_readme()],
         }
-        for name, command in commands.items():
+        compiled: set[Path] = set()
+        for name, command in drives.items():
             done = subprocess.run(
-                command, cwd=place, env=environment, capture_output=True, text=True, check=False
+                command,
+                cwd=place,
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=DRIVE_S,
             )
             if done.returncode:
                 yield f"{name}: exit code {done.returncode}: {done.stderr.strip()[-500:]}"
-            if COMPILING in done.stderr:
-                yield f"{name}: compiles kernels that no wheel carries"
+            new = {*(place / KERNELS).glob("*.kernel")} - compiled
+            compiled |= new
+            for kernel in sorted(new):
+                yield f"{name}: compiles {kernel.name.partition('-')[0]}, which no wheel carries"
 
 
 def main() -> None:
@@ -128,7 +137,7 @@ def main() -> None:
     for fault in faults:
         print(fault, file=sys.stderr)
     for file in (*wheels, *sources):
-        print(f"{file.relative_to(ROOT)}  {os.path.getsize(file) / 1e6:.1f} MB")
+        print(f"{file.relative_to(ROOT)}  {file.stat().st_size / 1e6:.1f} MB")
     sys.exit(bool(faults))
 
 

@@ -210,7 +210,7 @@ def _remember_pose(memory: Record, data: TickData) -> None:
 def _judge(memory: Record, board: Record, span_s: float, confirmed: bool) -> None:
     """Write the statistic of both limits, and the drift.
 
-    Where GNSS velocities confirm the positions the second limit has none: a slip that no slope
+    Where GNSS velocities confirm the positions that of the second limit is 0: a slip that no slope
     explains is far more likely than a receiver that lies alike in both.
     """
     factor = _CONFIRMED if confirmed else 1.0
@@ -232,10 +232,9 @@ def _judge(memory: Record, board: Record, span_s: float, confirmed: bool) -> Non
             largest = memory.scaled[n] / (factor * limit)
             drift_mps = tractor.drifts_mps[n]
             age_s = tractor.ages_s[n]
+    board.statistic[DetectorIndex.DRIFT] = largest
+    board.statistic[DetectorIndex.DRIFT_SURE] = 0.0 if confirmed else largest
     for index in (DetectorIndex.DRIFT, DetectorIndex.DRIFT_SURE):
-        board.statistic[index] = largest
         board.residual[index] = largest
         board.proposed[index, AlarmColumn.FIRST] = 100.0 * drift_mps
         board.proposed[index, AlarmColumn.SECOND] = drift_mps * age_s
-    if confirmed:
-        board.statistic[DetectorIndex.DRIFT_SURE] = 0.0

@@ -2,9 +2,9 @@
 
 Limits of repetitions, steering, standstill, motion, wheels and innovations give at most one false
 alarm in ten hours together on every shipped scenario, from drives with tuning seeds. Those of
-hitch and position are set by hand above what fault-free drives reached; that of drift is a trade of
-stops for a check against the distance until a drift is found. How often they are wrong is in the
-table of false alarms of docs/appendix/faults.md.
+hitch and position are set by hand above what fault-free drives reached; those of drift stand in
+`drift`, by bins of the time since its onset. How often they are wrong is in the table of false
+alarms of docs/appendix/faults.md.
 """
 
 from collections.abc import Callable, Sequence

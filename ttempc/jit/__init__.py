@@ -5,8 +5,9 @@ it, coverage and profilers count its lines. That is the plain mode.
 
 What a release of numba may break, how one sees it, and how to switch it off:
 
-- `compiler`: numba's list of passes. The first kernel raises. Delete `pipeline_class`: numba then
-  uses its own passes.
+- `compiler`: numba's list of passes, how it links and finishes machine code. The first kernel
+  raises, or `tests/ttempc/jit/test_compiler.py` fails. Delete `pipeline_class`: numba then uses
+  its own passes and libraries.
 - `cache`: the interface of numba's cache and the content of a compile result. A line of the logger
   `ttempc` in every process says that kernels are compiled. Delete `kernel._cache = ...`.
 - `records`, `rows`: the memory layout of arrays, LLVM's vector instructions. The tests in

@@ -120,8 +120,8 @@ def _kernel_folder() -> str:
     return folder
 
 
-_MAKE: Final = "calls reach own copies"
-"""How `compiler` makes machine code; another word where the same kernel gets another code."""
+_COMPILER_VERSION: Final = "2"
+"""To be raised where `compiler` makes other machine code of the same kernel than before."""
 
 SHIPPED: Final = "kernels"
 """Folder in a package with the machine code that its wheel carries, for some processors."""
@@ -196,7 +196,7 @@ class KernelCache(_Cache):
         """Return the name of a signature's machine code for this processor and these versions."""
         function = self._kernel.py_func
         depends_on = (
-            _MAKE,
+            _COMPILER_VERSION,
             repr(sig),
             repr(codegen.magic_tuple()),
             numba.__version__,

@@ -260,8 +260,8 @@ def _integrated(
         raise InvalidPath(
             f"path: turns back on itself near point {index} at {_place(points[index], at[worst])}"
         )
-    (vx, vy) = velocity(at).T
-    (ax, ay) = bend(at).T
+    vx, vy = velocity(at).T
+    ax, ay = bend(at).T
     curvature = (vx * ay - vy * ax) / pace**3
     curvature[[0, -1]] = 0.0  # natural ends
     lengths = np.diff(travelled).tolist()

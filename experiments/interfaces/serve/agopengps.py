@@ -263,7 +263,7 @@ class AgOpenGpsProtocol(WireProtocol):
         if status > 1:
             self._dialect = Dialect.AGOPENWEB
         if self._dialect is Dialect.AGOPENWEB:
-            needed = _WebStatus.ENGAGED if self.ready or known else _MAY_START
+            needed = _WebStatus.ENGAGED if known else _MAY_START
             return status & needed == needed
         if self._dialect is None:
             return False

@@ -82,7 +82,7 @@ class JsonProtocol(WireProtocol):
             self.ready = True
             welcome = {"type": "welcome", "version": message.version, **asdict(self._facts)}
             return Received(replies=(_encoded(welcome),))
-        if not (self.ready or known):
+        if not known:
             raise Refused(f"{message.type} before a hello")
         if isinstance(message, _Resume):
             return Received(resume=True)

@@ -112,7 +112,7 @@ class WireProtocol:
 
         Args:
             payload: of the datagram.
-            known: whether its sender drives, or drove last: it need not say again who it is.
+            known: whether its sender drives, or drove last: it has said before that it is ready.
 
         Raises:
             Refused: it is not one of this protocol.

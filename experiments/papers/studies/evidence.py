@@ -219,8 +219,8 @@ def _notes(items: Sequence[Evidence], letter: str) -> list[str]:
     notes = []
     for _, run in groupby(enumerate(items, 1), lambda pair: (pair[1].source, pair[1].method)):
         group = list(run)
-        (first, item) = group[0]
-        (last, _) = group[-1]
+        first, item = group[0]
+        last, _ = group[-1]
         place = f"{letter}{first}" + ("" if first == last else f" to {letter}{last}")
         quote = f' "{item.quote}".' if item.quote else ""
         lines = [f"**{place}.** {item.source.rstrip('.')}.{quote} Ours: {item.method}.", ""]

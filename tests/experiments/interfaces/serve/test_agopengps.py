@@ -66,6 +66,8 @@ def test_agopenweb_steers_while_it_is_engaged_with_or_without_its_switch():
         assert command.delta_t == pytest.approx(math.radians(10.0))
         assert protocol.receive(web_frame(0x19, -10.0)).released
         assert protocol.receive(web_frame(status)).command is not None
+        assert protocol.receive(web_frame(0x0C)).command is None  # of one that has not begun
+        assert protocol.receive(web_frame(0x0C), known=True).command is not None
     test_of_the_motor = AgOpenGpsProtocol()  # its free drive: engaged, without GNSS and guidance
     assert test_of_the_motor.receive(web_frame(0x05, 10.0)).command is None
     assert not test_of_the_motor.ready

@@ -33,15 +33,16 @@ def test_the_welcome_has_what_a_controller_needs_of_the_vehicle():
 
 def test_an_operator_may_resume_once_the_peer_has_said_hello():
     protocol, _ = greeted()
-    assert protocol.receive(b'{"type":"resume"}').resume
-    assert not protocol.receive(json.dumps(COMMAND).encode()).resume
+    assert protocol.receive(b'{"type":"resume"}', known=True).resume
+    assert not protocol.receive(json.dumps(COMMAND).encode(), known=True).resume
 
 
 def test_a_command_leaves_out_what_the_plant_does_itself():
     protocol, _ = greeted()
-    command = protocol.receive(json.dumps(COMMAND).encode()).command
+    command = protocol.receive(json.dumps(COMMAND).encode(), known=True).command
     assert (command.tick, command.delta_t, command.delta_i, command.hp) == (3, 0.1, None, None)
-    whole = protocol.receive(json.dumps(COMMAND | {"delta_i_rad": -1, "hp": 0.5}).encode()).command
+    content = json.dumps(COMMAND | {"delta_i_rad": -1, "hp": 0.5}).encode()
+    whole = protocol.receive(content, known=True).command
     assert (whole.delta_i, whole.hp) == (-1.0, 0.5)
 
 
@@ -89,5 +90,6 @@ def test_invalid_datagrams_are_refused_with_their_reason():
     ):
         with pytest.raises(Refused, match=text):
             protocol.receive(
-                payload if isinstance(payload, bytes) else json.dumps(payload).encode()
+                payload if isinstance(payload, bytes) else json.dumps(payload).encode(),
+                known=True,
             )
