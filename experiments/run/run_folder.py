@@ -17,7 +17,6 @@ from ...testbed.messages.scenery import Scenery
 from ...testbed.recording.record import Event, Record, Recorder, Tee
 from ..output import make_folder, progress, refuse_existing, write_file
 from ..results.summary import Summary
-from ..scenario.controller import OptionValue
 from ..scenario.plant import record_steps
 from ..scenario.scenario import Scenario, dump
 from ..scenario.vehicle import ParameterMismatch
@@ -65,7 +64,7 @@ def run(
     folder: Path,
     *,
     factory: Callable[..., object] | None = None,
-    options: Mapping[str, OptionValue] | None = None,
+    options: Mapping[str, object] | None = None,
     make: Callable[[Scenario, int, Callable[..., object] | None], Assembly] = assemble,
     recording: Recording = Recording(),
 ) -> Finished:

@@ -17,7 +17,6 @@ from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
 from ..results.summary import RunFacts, Summary, summarise
-from ..scenario.controller import OptionValue
 from ..scenario.scenario import Scenario, dump, identity
 from .assembly import Assembly, assemble
 from .shared_parts import SharedParts
@@ -34,7 +33,7 @@ def simulate(
     factory: Callable[..., object] | None = None,
     log: Path | None = None,
     *,
-    options: Mapping[str, OptionValue] | None = None,
+    options: Mapping[str, object] | None = None,
     parts: SharedParts | None = None,
 ) -> tuple[Summary, Record]:
     """Run a scenario in memory and return its numbers; nothing is written but the log, if asked.
@@ -46,7 +45,7 @@ def simulate(
         seed: draws terrain and noise.
         factory: makes a controller of your own from vehicle, reference and control period [s]. The
             run is filed under its name `module:qualname` and a hash of its source.
-        options: keyword options of the factory.
+        options: keyword options of the factory: numbers, text, bool, lists of numbers.
         log: file to write the log to, in a folder that exists.
         parts: of earlier runs, to be used again; none by default.
 
@@ -95,11 +94,11 @@ def drive_into(
 def with_controller(
     scenario: Scenario,
     factory: Callable[..., object] | None,
-    options: Mapping[str, OptionValue] | None,
+    options: Mapping[str, object] | None,
 ) -> tuple[Scenario, dict[str, str]]:
     """Return the scenario as it is filed, and a hash of the source of every part of a user's."""
     if factory is not None:
-        settings = replace(scenario.controller, name=name_of(factory), options=dict(options or {}))
+        settings = scenario.controller.of_user(name_of(factory), options or {})
         scenario = replace(scenario, controller=settings)
     return scenario, user_sources(scenario, factory)
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Final, Literal
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, ValidationError
 from pydantic.dataclasses import dataclass
 
 from ttempc.detectors.monitors import chosen
@@ -28,7 +30,8 @@ from ...testbed.configuration.config_io import (
 )
 from ...testbed.sensing.receivers import Place, receiver
 from ...testbed.sensing.sensor_specification import SensorSpecification
-from ..errors import InvalidScenario
+from ...testbed.terminal import one_line
+from ..errors import InvalidController, InvalidScenario
 from .tube_file import read_tube
 from .vehicle import ModelVehicleSettings, ParameterMismatch
 
@@ -243,6 +246,22 @@ class ControllerSettings:
         """Return the half widths that the controller keeps over speed, None where it has none."""
         return speed_tube(self.name, self.options) if self.name in CONTROLLERS else None
 
+    def of_user(self, name: str, options: Mapping[str, object]) -> ControllerSettings:
+        """Return the same with a user's factory and its options.
+
+        Raises:
+            InvalidController: a scenario cannot have the value of an option.
+        """
+        values = {key: _plain(value) for key, value in options.items()}
+        try:
+            return replace(self, name=name, options=values)
+        except ValidationError as error:
+            key = error.errors()[0]["loc"][1]
+            raise InvalidController(
+                f"controller {name!r}: options.{key}: got {one_line(repr(values[str(key)]))}, "
+                "must be a number, text, true, false, or a list of numbers"
+            ) from None
+
     def with_defaults(self) -> ControllerSettings:
         """Return the same with every option of a shipped controller filled in."""
         if self.name not in CONTROLLERS:
@@ -252,7 +271,12 @@ class ControllerSettings:
 
 
 def _plain(value: object) -> OptionValue:
-    return list(value) if isinstance(value, tuple) else value  # pyright: ignore[reportReturnType]
+    """Return a value as TOML has it: tuples and arrays are lists."""
+    if isinstance(value, tuple):
+        value = list(value)
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    return value  # pyright: ignore[reportReturnType] - checked where it is stored
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -143,6 +143,21 @@ def test_options_of_a_scenario_reach_a_users_controller(package):
         simulate(*load("grass", (*named, "controller.options.speed=0.6")), seed=1)
 
 
+def test_options_from_python_are_values_of_a_scenario():
+    taken = []
+
+    def factory(vehicle, reference, period_s, **options):
+        taken.append(options)
+        return make_controller("pid", vehicle, reference, period_s)
+
+    name, scenario = load("grass", SHORT)
+    simulate(name, scenario, seed=1, factory=factory, options={"a": (1.0, 2.0), "b": np.ones(2)})
+    assert taken == [{"a": [1.0, 2.0], "b": [1.0, 1.0]}]
+    for value in ({"c": 1}, [[1.0]], object()):
+        with pytest.raises(InvalidController, match=r"options\.q"):
+            simulate(name, scenario, seed=1, factory=factory, options={"q": value})
+
+
 def test_an_estimator_of_a_users_own_drives_by_name(package):
     (package / "lawn" / "watch.py").write_text(
         "from ttempc.estimation.ekf import ExtendedKalmanFilter\n"
