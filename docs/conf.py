@@ -18,8 +18,13 @@ if TYPE_CHECKING:
 
 DOCS = Path(__file__).parent
 project = "ttempc"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["start.md"]  # index.rst includes it
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+# index.rst includes the first one; programs that are no pages
+exclude_patterns = ["start.md", "conf.py", "examples/**", "lectures/grade.py"]
+nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}  # lectures are notebooks
+nb_execution_timeout = 300  # of a cell [s]
+nb_execution_raise_on_error = True
+nb_execution_excludepatterns = ["*.md"]
 html_theme = "furo"
 html_title = "ttempc"
 html_static_path = ["site.css"]

@@ -13,9 +13,9 @@
 # %% [markdown]
 # # Lecture 1: linear MPC, from the model to the field
 #
-# Forty-five minutes. You write the model of a tractor with a steerable trailer, make a linear MPC of it, drive that
-# first on the model itself and then on soil that slips, and turn its knobs. Each cell runs by itself, without a network;
-# the lecture as a whole takes about half a minute.
+# Forty-five minutes. You write the model of a tractor with a steerable trailer, make a linear MPC
+# of it, drive that first on the model itself and then on soil that slips, and turn its knobs. Each
+# cell runs by itself, without a network; the lecture as a whole takes about half a minute.
 #
 # You need: linear algebra, state-space models, what a quadratic programme is.
 
@@ -25,23 +25,24 @@ import math
 import matplotlib.pyplot as plt
 import numpy as np
 import piqp
-from proving_ground import load, simulate
 
+from proving_ground import load, simulate
 from ttempc import Command, Vehicle
 
 # %% [markdown]
 # ## 1. The model
 #
-# Three bodies: the tractor with yaw $\psi_t$, the drawbar, the trailer with yaw $\psi_i$. The front wheels steer by
-# $\delta_t$, a cylinder turns the drawbar against the trailer by $\delta_i$. Where no wheel slips aside, geometry alone
-# says how the bodies turn:
+# Three bodies: the tractor with yaw $\psi_t$, the drawbar, the trailer with yaw $\psi_i$. The
+# front wheels steer by $\delta_t$, a cylinder turns the drawbar against the trailer by $\delta_i$.
+# Where no wheel slips aside, geometry alone says how the bodies turn:
 #
 # $$\dot\psi_t = \frac{v \tan\delta_t}{L_t}, \qquad
-# \dot\psi_i = \frac{v \sin\lambda - a \dot\psi_t \cos\lambda - d \dot\delta_i \cos\delta_i}{L_i + d \cos\delta_i},
+# \dot\psi_i = \frac{v \sin\lambda - a \dot\psi_t \cos\lambda
+# - d \dot\delta_i \cos\delta_i}{L_i + d \cos\delta_i},
 # \qquad \lambda = \psi_t - \psi_i .$$
 #
-# Valves and hydrostat are lags of first order. The state is $(x, y, \psi_t, \psi_i, \delta_t, \delta_i, v)$, the input
-# the two commanded angles and the hydrostat's position.
+# Valves and hydrostat are lags of first order. The state is $(x, y, \psi_t, \psi_i, \delta_t,
+# \delta_i, v)$, the input the two commanded angles and the hydrostat's position.
 
 # %%
 vehicle = Vehicle()
@@ -49,7 +50,7 @@ vehicle = Vehicle()
 
 def state_rate(state, command):
     """Return the time derivative (7,) of a state under a command (3,)."""
-    x, y, psi_t, psi_i, delta_t, delta_i, v = state
+    psi_t, psi_i, delta_t, delta_i, v = state[2:]
     delta_t_rate = (command[0] - delta_t) / vehicle.steering_lag_t
     delta_i_rate = (command[1] - delta_i) / vehicle.steering_lag_i
     v_rate = (vehicle.speed_gain * command[2] - v) / vehicle.speed_time_constant
@@ -92,14 +93,14 @@ def trailer_point(state):
 # %% [markdown]
 # ## 2. Errors across the path
 #
-# The reference is a trajectory of the same model: a state and a command for each control tick. What matters is how far the two
-# axle points are to the side of theirs, and how far the tractor is behind. These three outputs are
-# measured in the frame of the reference, to the left positive.
+# The reference is a trajectory of the same model: a state and a command for each control tick.
+# What matters is how far the two axle points are to the side of theirs, and how far the tractor is
+# behind. These three outputs are measured in the frame of the reference, to the left positive.
 
 
 # %%
 def outputs(state, reference):
-    """Return how far the tractor is ahead and to the left of its reference, and the trailer to the left (3,)."""
+    """Return how far the tractor is ahead and left of its reference, and the trailer left (3,)."""
     psi_t = reference[2]
     psi_i = reference[3]
     off = state[:2] - reference[:2]
@@ -116,12 +117,13 @@ def outputs(state, reference):
 # %% [markdown]
 # ## 3. Linearise and discretise
 #
-# Near the reference the model is linear in the errors, $z = $ state less reference and $u = $ command less reference:
+# Near the reference the model is linear in the errors, $z = $ state less reference and $u = $
+# command less reference:
 #
 # $$z_{k+1} = A_k z_k + B_k u_k, \qquad y_k = C_k z_k .$$
 #
-# The derivatives are taken by central differences of one Runge-Kutta step. That needs no algebra, and it is how you check the algebra
-# once you have done it.
+# The derivatives are taken by central differences of one Runge-Kutta step. That needs no algebra,
+# and it is how you check the algebra once you have done it.
 
 
 # %%
@@ -156,16 +158,24 @@ def linearised(state, command, period_s):
 #
 # $$\sum_{j=1}^{N} y_j^\top Q\, y_j + \sum_{j=0}^{N-1} (u_j - u_{j-1})^\top R\, (u_j - u_{j-1})$$
 #
-# with bounds on the commands. The errors $z_1, \ldots, z_N$ follow from $z_0$ and the inputs, so that the inputs alone are
-# variables: the *condensed* form. PIQP solves it. The command is the reference's less nothing, plus the first input.
+# with bounds on the commands. The errors $z_1, \ldots, z_N$ follow from $z_0$ and the inputs, so
+# that the inputs alone are variables: the *condensed* form. PIQP solves it. The command is the
+# reference's less nothing, plus the first input.
 
 
 # %%
 class LinearMpc:
     """Linear MPC of the tracking errors, condensed along the reference."""
 
-    def __init__(self, vehicle, reference, period_s, horizon=12, output_weight=(1.0, 2.5, 2.5),
-                 step_weight=(0.15, 0.1, 0.15)):  # fmt: skip
+    def __init__(
+        self,
+        vehicle,
+        reference,
+        period_s,
+        horizon=12,
+        output_weight=(1.0, 2.5, 2.5),
+        step_weight=(0.15, 0.1, 0.15),
+    ):
         grid = reference.on_grid(period_s)
         self.states = grid.state
         self.commands = grid.inputs
@@ -226,7 +236,8 @@ class LinearMpc:
 # %% [markdown]
 # ## 5. The loop closed on the model
 #
-# First on the model itself, from half a metre beside the path. Here nothing can go wrong but the law: a sign, a unit, an index.
+# First on the model itself, from half a metre beside the path. Here nothing can go wrong but the
+# law: a sign, a unit, an index.
 
 # %%
 name, scenario = load("grass", ["path={kind='headland', passes=2, length_m=10}"])
@@ -275,13 +286,14 @@ print(f"after 20 s: {100 * np.abs(rows[-1, 1:]).max():.2f} cm")
 # %% [markdown]
 # ## 6. On the field
 #
-# Now the same law on soil: tyres that slip, a slope, hydraulics with limits, receivers with 3 cm of noise, a filter in
-# between. The model of section 1 holds nowhere. `ttempc` drives the same field under the same seed.
+# Now the same law on soil: tyres that slip, a slope, hydraulics with limits, receivers with 3 cm
+# of noise, a filter in between. The model of section 1 holds nowhere. `ttempc` drives the same
+# field under the same seed.
 
 
 # %%
 def drive(field, factory, options=None):
-    """Return the 95 % cross-track errors of tractor and trailer on a field [cm]; NaN if it was lost."""
+    """Return p95 of the cross-track errors of tractor and trailer [cm]; NaN if it was lost."""
     name, scenario = load(field, ["path={kind='headland', passes=2, length_m=10}"])
     summary, _ = simulate(name, scenario, seed=1, factory=factory, options=options or {})
     errors = summary.tracking.all
@@ -296,10 +308,11 @@ for label, factory in (("this lecture", LinearMpc), ("ttempc", None)):
     print(label.ljust(30), *(f"{tractor:6.1f},{trailer:5.1f}" for tractor, trailer in values))
 
 # %% [markdown]
-# On the slope the law of this lecture drives beside its path: both axles slip downhill all the time, and nothing in it
-# knows. A linear MPC without a disturbance in its model has no integral action. `ttempc` gets the slips from the filter
-# and moves its target by what they will do ([method](../method.md#linear-mpc)); [lecture 2](estimation.py)
-# builds the filter that tells them.
+# On grass sixty lines are as good as `ttempc`. On the slope the law of this lecture drives beside its path: both axles slip downhill all the
+# time, and nothing in it knows. A linear MPC without a disturbance in its model has no integral
+# action. `ttempc` gets the slips from the filter and moves its target by what they will do
+# ([method](../method.md#linear-mpc)); [lecture 2](estimation.py) builds the filter that tells
+# them.
 #
 # ## 7. Knobs
 
@@ -318,10 +331,12 @@ for label, options in (
 # %% [markdown]
 # ## Exercises
 #
-# 1. Why does a horizon of 0.6 s fail or weave? Relate it to the distance in which a side step of the tractor reaches the trailer.
-# 2. Add a constant side slip to `state_rate` and to the prediction, give it the value of `estimate.disturbance[0]`, and drive
-#    `wet-slope` again. What remains, and why?
-# 3. Bounds: set `self.most` and `self.least` to a third. In how many ticks does PIQP find a bound active? What does the horizon then do for you that a
-#    gain of LQR does not?
-# 4. Compute the gain of LQR for a straight line from the same $A$, $B$, $Q$, $R$ (`scipy.linalg.solve_discrete_are`) and compare it with the
-#    first input of the unconstrained programme. From which horizon on are they equal to 1 %?
+# 1. Why does a horizon of 0.6 s fail or weave? Relate it to the distance in which a side step of
+#    the tractor reaches the trailer.
+# 2. Add a constant side slip to `state_rate` and to the prediction, give it the value of
+#    `estimate.disturbance[0]`, and drive `wet-slope` again. What remains, and why?
+# 3. Bounds: set `self.most` and `self.least` to a third. In how many ticks does PIQP find a bound
+#    active? What does the horizon then do for you that a gain of LQR does not?
+# 4. Compute the gain of LQR for a straight line from the same $A$, $B$, $Q$, $R$
+#    (`scipy.linalg.solve_discrete_are`) and compare it with the first input of the unconstrained
+#    programme. From which horizon on are they equal to 1 %?
