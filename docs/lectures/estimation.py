@@ -273,6 +273,6 @@ print(f"slip of the map at the end: {east:.1f} deg to the east, {north:.1f} deg 
 #    `innovation_covariance`.)
 # 2. The walk of 0.004 was guessed. Sum the logarithm of the likelihood of the innovations over the
 #    drive and find the most likely walk. Does it give the smallest error?
-# 3. Put a gyro in: `imu_tractor_yaw_rate_radps` of `/measurement`, after `load("wet-slope",
+# 3. Put a gyro in: the yaw rate of the tractor in `/measurement`, after `load("wet-slope",
 #    ["sensors.imu.on=true"])`. What does its bias do to the yaw, and how would you estimate it?
 # 4. Write the filter without Jacobians by differences, and test yours against them.

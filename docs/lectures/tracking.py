@@ -308,11 +308,11 @@ for label, factory in (("this lecture", LinearMpc), ("ttempc", None)):
     print(label.ljust(30), *(f"{tractor:6.1f},{trailer:5.1f}" for tractor, trailer in values))
 
 # %% [markdown]
-# On grass sixty lines are as good as `ttempc`. On the slope the law of this lecture drives beside its path: both axles slip downhill all the
-# time, and nothing in it knows. A linear MPC without a disturbance in its model has no integral
-# action. `ttempc` gets the slips from the filter and moves its target by what they will do
-# ([method](../method.md#linear-mpc)); [lecture 2](estimation.py) builds the filter that tells
-# them.
+# On grass sixty lines are as good as `ttempc`. On the slope the law of this lecture drives beside
+# its path: both axles slip downhill all the time, and nothing in it knows. A linear MPC without a
+# disturbance in its model has no integral action. `ttempc` gets the slips from the filter and moves
+# its target by what they will do ([method](../method.md#linear-mpc)); [lecture 2](estimation.py)
+# builds the filter that tells them.
 #
 # ## 7. Knobs
 

@@ -218,7 +218,6 @@ QUIET: Final = option("-q", "--quiet", action="store_true", help="print errors o
 FIGURES: Final = (
     option(
         "--format",
-        dest="formats",
         metavar="FORMAT[,FORMAT]",
         help="of the figures: pdf, svg, png",
     ),
@@ -226,6 +225,10 @@ FIGURES: Final = (
     option("--only", nargs="+", metavar="NAME", help="these figures (default: all)"),
 )
 """Formats, width and choice of figures."""
+
+LATEX: Final = option(
+    "--latex", action="store_true", help="tables for a paper, in LaTeX with the package booktabs"
+)
 
 PICTURE: Final = (
     option(

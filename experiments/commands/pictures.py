@@ -71,6 +71,7 @@ def render(arguments: argparse.Namespace) -> int:
     ),
     out("FILE|DIR", "page of a log, or folder of figures; default: beside the log or in DIR"),
     *options.FIGURES,
+    options.LATEX,
     options.LIMIT,
     option(
         "--iso12188",
@@ -79,24 +80,27 @@ def render(arguments: argparse.Namespace) -> int:
     ),
 )
 def report(arguments: argparse.Namespace) -> int:
-    """Write the page of a run or of a sweep; with --format its figures for a paper instead.
+    """Write the page of a run or of a sweep; for a paper its figures or tables instead.
 
     The page of a sweep, which may still be running, is DIR/report/report.html.
 
       ttempc report runs/sweep-terrain-slip --limit 0.6
       ttempc report runs/grass-ttempc-1 --format pdf,svg --width single --only error path
+      ttempc report runs/sweep-terrain-slip --latex
     """
     source: Path = arguments.source
     if arguments.iso12188:
         return _iso12188(arguments)
-    if arguments.formats is None:
+    if arguments.latex:
+        return _latex_of(arguments)
+    if arguments.format is None:
         given = ("width", "only")
         refuse_given(arguments, given, "goes with --format, which makes figures")
     else:
         refuse_given(arguments, ("limit",), "goes with the page, not with --format")
     if source.is_file():
         refuse_given(arguments, ("limit",), "goes with a sweep, not a log")
-    if arguments.formats is not None:
+    if arguments.format is not None:
         beside = source.with_name(f"{source.stem}-figures")
         folder = arguments.out or (source / "figures" if source.is_dir() else beside)
         refuse_existing(folder)
@@ -110,7 +114,7 @@ def _iso12188(arguments: argparse.Namespace) -> int:
     from ...testbed.log.reader import read_log
     from ..results.iso12188 import format_report, report, to_json
 
-    refuse_given(arguments, ("formats", "width", "only", "limit"), "not with --iso12188")
+    refuse_given(arguments, ("format", "width", "only", "limit"), "not with --iso12188")
     if arguments.out is not None:
         refuse_existing(arguments.out)
     content = report(read_log(arguments.source))
@@ -119,6 +123,53 @@ def _iso12188(arguments: argparse.Namespace) -> int:
         write_file(arguments.out, to_json(content))
         print(f"\nJSON      {arguments.out}")
     return 0
+
+
+def _latex_of(arguments: argparse.Namespace) -> int:
+    """Write the tables of a sweep into a new folder, that of a log into a new file."""
+    refuse_given(arguments, ("format", "width", "only"), "not with --latex")
+    source: Path = arguments.source
+    if source.is_dir():
+        folder = arguments.out or source / "tables"
+        refuse_existing(folder)
+        tables = _tables_of_sweep(source, arguments.limit)
+        make_folder(folder)
+        files = {folder / f"{name}.tex": table for name, table in tables.items()}
+    else:
+        refuse_given(arguments, ("limit",), "goes with a sweep, not a log")
+        file = arguments.out or source.with_name(f"{source.name.removesuffix('.mcap')}.tex")
+        refuse_existing(file)
+        files = {file: _table_of_log(source)}
+    for file, table in files.items():
+        write_file(file, table)
+        print(file)
+    return 0
+
+
+def _tables_of_sweep(folder: Path, limit_m: float | None) -> dict[str, str]:
+    """Return the tables of a sweep's page in LaTeX, by name."""
+    from ..pictures.sweep_report.report import make_report, plain_cells
+    from ..pictures.sweep_report.runs import read_sweep
+    from ..results.latex import latex_table
+
+    tables = make_report(read_sweep(folder, limit_m)).tables
+    return {
+        name: latex_table(table.heads, plain_cells(table), table.title)
+        for name, table in tables.items()
+    }
+
+
+def _table_of_log(log: Path) -> str:
+    """Return the cross-track errors of a log in LaTeX."""
+    from ...testbed.log.reader import read_log
+    from ..results.latex import latex_table
+    from ..results.summary import tracking_statistics
+    from ..results.table import COLUMNS, COUNTED, error_rows
+    from ..results.tracking_errors import tracking_errors
+
+    rows = error_rows(tracking_statistics(tracking_errors(read_log(log))))
+    heads = ("path", "point", *(f"{head} [cm]" for head in COLUMNS))
+    return latex_table(heads, rows, f"cross-track errors; p95: of the absolute error. {COUNTED}")
 
 
 def _page_of_sweep(arguments: argparse.Namespace) -> int:
@@ -169,7 +220,7 @@ def _write_figures(
     """
     from ..pictures.figures.export import FORMATS, WIDTHS_CM, export_figures
 
-    formats = tuple((arguments.formats or "png").split(","))
+    formats = tuple((arguments.format or "png").split(","))
     if unknown := [name for name in formats if name not in FORMATS]:
         raise BadOptions(f"--format: got {unknown[0]!r}, must be of {', '.join(FORMATS)}")
     if unknown := [name for name in arguments.only or () if name not in figures]:
@@ -192,20 +243,25 @@ def _write_figures(
     out("DIR", "default: a new one in runs/"),
     option("--label", action="append", metavar="NAME", help="name of a run, once for each"),
     *options.FIGURES,
+    options.LATEX,
 )
 def compare(arguments: argparse.Namespace) -> int:
     """Compare runs on one reference, aligned by its time; print a table and write into DIR:
 
     path, cross-track, signals   figures
     comparison.csv               the statistics, SI units
+    comparison.tex               with --latex: the printed errors
 
     ttempc compare runs/grass-pid-1 runs/grass-ttempc-1
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..pictures.figures.comparison_figures import comparison_figures
+    from ..results.latex import latex_table
     from ..results.run_comparison import (
+        COMPARED,
         STATISTICS_FILE,
         comparison_csv,
+        comparison_rows,
         format_comparison,
         read_compared,
     )
@@ -217,4 +273,9 @@ def compare(arguments: argparse.Namespace) -> int:
     _write_figures(arguments, comparison_figures(runs), folder)
     write_file(folder / STATISTICS_FILE, comparison_csv(runs))
     print(folder / STATISTICS_FILE)
+    if arguments.latex:
+        heads = ("run", "point", *(f"{name} [cm]" for name in COMPARED))
+        table = latex_table(heads, comparison_rows(runs), format_comparison(runs).splitlines()[0])
+        write_file(folder / "comparison.tex", table)
+        print(folder / "comparison.tex")
     return 0

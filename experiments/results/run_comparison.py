@@ -33,7 +33,8 @@ MAX_RUNS: Final = 6  # more lines in one figure cannot be told apart
 STATISTICS_FILE: Final = "comparison.csv"  # of `comparison_csv`, in the folder of a comparison
 _SAME_M: Final = 1e-6  # references closer than this are the same
 _SAME_LINE_M: Final = 0.02  # of a record and of a run: both have points of one line
-_COLUMNS: Final = ("p95", "sd", "mean", "along sd")
+COMPARED: Final = ("p95", "sd", "mean", "along sd")
+"""Columns of a comparison."""
 
 
 @dataclass(frozen=True)
@@ -102,11 +103,11 @@ def format_comparison(runs: Sequence[ComparedRun]) -> str:
     blocks = [f"Cross-track error [cm], {START_UP_S:g} to {runs[0].end_s:.1f} s"]
     points = [run.statistics.all.by_point for run in runs]
     for point in max(points, key=len):
-        blocks += ["", point.ljust(width) + "".join(head.rjust(10) for head in _COLUMNS)]
+        blocks += ["", point.ljust(width) + "".join(head.rjust(10) for head in COMPARED)]
         for run, errors in zip(runs, points, strict=True):
             if (error := errors.get(point)) is None:  # a run without an implement
                 continue
-            cells = (centimetres(getattr(error, COLUMNS[name])) for name in _COLUMNS)
+            cells = (centimetres(getattr(error, COLUMNS[name])) for name in COMPARED)
             blocks.append(run.label.ljust(width) + "".join(cell.rjust(10) for cell in cells))
     corridors = {run.label: corridor_statistics(run.record) for run in runs}
     kept = {label: format_corridor(each) for label, each in corridors.items() if each}
@@ -121,6 +122,15 @@ def format_comparison(runs: Sequence[ComparedRun]) -> str:
             cells.append(f"{head} {'–' if value is None else format(factor * value, '.1f')}")
         blocks.append(f"{run.label.ljust(width)}{', '.join(cells)}")
     return "\n".join(blocks)
+
+
+def comparison_rows(runs: Sequence[ComparedRun]) -> list[tuple[str, ...]]:
+    """Return rows of run, point and errors in cm as `format_comparison` has them, run by run."""
+    return [
+        (run.label, point, *(centimetres(getattr(error, COLUMNS[name])) for name in COMPARED))
+        for run in runs
+        for point, error in run.statistics.all.by_point.items()
+    ]
 
 
 def comparison_csv(runs: Sequence[ComparedRun]) -> str:

@@ -7,7 +7,13 @@ from typing import Final
 
 from ...testbed.recording.record import OVERRUN, Event
 from ...testbed.terminal import one_line
-from .summary import BodyStatistics, CorridorStatistics, LineStatistics, Summary
+from .summary import (
+    BodyStatistics,
+    CorridorStatistics,
+    LineStatistics,
+    Summary,
+    TrackingStatistics,
+)
 from .tracking_errors import START_UP_S
 
 WIDTH: Final = 80
@@ -35,13 +41,8 @@ def format_run(summary: Summary) -> str:
         "",
         "Cross-track error [cm]".ljust(_BODY_WIDTH) + _row(COLUMNS),
     ]
-    for where in ("all", "straight", "curve"):
-        bodies: BodyStatistics = getattr(summary.tracking, where)
-        place = "whole path" if where == "all" else where
-        for body, error in bodies.by_point.items():
-            cells = (centimetres(getattr(error, key)) for key in COLUMNS.values())
-            head = f"{place:<12}{body}".ljust(_BODY_WIDTH)
-            lines.append(head + _row(cells))
+    for place, body, *cells in error_rows(summary.tracking):
+        lines.append(f"{place:<12}{body}".ljust(_BODY_WIDTH) + _row(cells))
     lines += ["", *_other_numbers(summary)]
     lines.append("p95: of the absolute error. " + COUNTED)
     for text in summary.learnt:
@@ -49,6 +50,22 @@ def format_run(summary: Summary) -> str:
     if summary.failure:
         lines += ["", *textwrap.wrap(f"{summary.status}: {summary.failure}", WIDTH)]
     return "\n".join(lines)
+
+
+def error_rows(tracking: TrackingStatistics) -> list[tuple[str, ...]]:
+    """Return rows of place, point and `COLUMNS` in cm, the whole path and the working point first.
+
+    A path without curves, or of curves alone, has no rows of what it lacks.
+    """
+    rows = []
+    for where, place in (("all", "whole path"), ("straight", "straight"), ("curve", "curve")):
+        bodies: BodyStatistics = getattr(tracking, where)
+        for body, error in bodies.by_point.items():
+            if where != "all" and error.cross_p95_m is None:
+                continue
+            cells = (centimetres(getattr(error, key)) for key in COLUMNS.values())
+            rows.append((place, body, *cells))
+    return rows
 
 
 def format_events(events: Sequence[Event], folder: Path) -> list[str]:

@@ -114,6 +114,11 @@ def write_report(report: SweepReport, folder: Path) -> Path:
     return file
 
 
+def plain_cells(table: Table) -> list[list[str]]:
+    """Return the cells of a table as text, without links."""
+    return [[Markup(cell).striptags() for cell, _ in row] for row in table.rows]
+
+
 def panel_figures(report: SweepReport) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the charts of a report, each as a figure of its own, by name."""
     return {
