@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from docutils.nodes import SkipNode
+from docutils.nodes import SkipNode, entry
 from latex2mathml.converter import convert
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sphinx.writers.html5 import HTML5Translator
 
 DOCS = Path(__file__).parent
+LONGEST_FIGURE = 32  # characters of a cell: a figure with its interval; longer ones are sentences
 project = "ttempc"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 # index.rst includes the first one; programs that are no pages
@@ -84,6 +85,13 @@ def read_include(app: Sphinx, path: Path, docname: str, content: list[str]) -> N
     link_to_text(app, docname, content)
 
 
+def mark_figures(app: Sphinx, doctree: Element, docname: str) -> None:
+    """Mark the cells of tables that begin with a number, which `site.css` keeps on one line."""
+    for cell in doctree.findall(entry):
+        if re.match(r"[-−–+<]? ?\d", cell.astext()) and len(cell.astext()) < LONGEST_FIGURE:
+            cell["classes"].append("figure")
+
+
 def plain_docstring(
     app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
 ) -> None:
@@ -108,5 +116,6 @@ def setup(app: Sphinx) -> None:
     app.add_html_math_renderer("mathml", (visit_inline, None), (visit_block, None))
     app.connect("builder-inited", write_pages)
     app.connect("source-read", link_to_text)
+    app.connect("doctree-resolved", mark_figures)
     app.connect("autodoc-process-docstring", plain_docstring, priority=900)  # after napoleon
     app.connect("include-read", read_include)
