@@ -9,9 +9,16 @@ from ..layout import FLOAT, AlarmColumn, SampleColumn
 from ..sensors import GNSS_OF_BODY, IMU_OF_BODY, Body, SensorIndex
 from ..types import FloatArray, State
 from .board import Record, TickData, has_alarm
-from .ground import BINS, GROUND, WAYS, new_ground, place, travel
+from .ground import GROUND, ONSETS, WAYS, begin_onset, new_ground, place, travel
 from .history import kernel
 from .table import DetectorIndex
+
+BINS: Final = 5
+BIN_ENDS_S: Final = (6.0, 15.0, 30.0, 55.0, math.inf)
+"""Ages of an onset up to which its ratio counts in a bin.
+
+Bumps and ruts look like short drifts: the ratios of short windows are larger, so that each bin has
+a limit of its own."""
 
 DRIFT: Final = np.dtype(
     [
@@ -21,9 +28,15 @@ DRIFT: Final = np.dtype(
         ("between", "f8", 2),  # from tractor point to trailer point at that tick [m]
         ("slopes", "f8", (2, 2)),  # of the bodies: roll and pitch [rad]
         ("knows_slope", "f8"),  # whether an IMU has measured them
+        ("ages_s", "f8", ONSETS),  # since the assumed begin of each drift, -1: not in use
+        ("restless_at", "f8", ONSETS),  # how restless the ground was at that begin
+        ("next_onset", "f8"),  # number of the onset that is replaced next
+        ("next_s", "f8"),  # time until then [s]
         ("restless", "f8"),  # mean ratio of the shortest windows
         ("restless_s", "f8"),  # over how long it is taken
-        ("scaled", "f8", BINS),  # ratios of the bins over it, sums of both receivers
+        ("scaled", "f8", BINS),  # largest ratio of each bin, over that of restless ground
+        ("drifts_mps", "f8", BINS),  # of the onset with that ratio
+        ("drift_ages_s", "f8", BINS),  # and its age
         ("way", "f8", 1 + 2 * WAYS),  # workspace
     ]
 )
@@ -43,7 +56,12 @@ _RESTLESS_S: Final = 60.0  # of the mean ratio of the shortest windows
 _FIRST_RESTLESS_S: Final = 15.0  # weight of what is assumed of it at first
 _FIRST_RESTLESS: Final = 2.5
 _LARGEST_RESTLESS: Final = 12.0  # that a tick adds: a step is no restless ground
+_RESTLESS_POWER: Final = 1.5  # of the restlessness, by which long ratios grow; by drives
 _LONGEST_TICK_S: Final = 1.0
+_EVERY_S: Final = 5.0  # from one onset to the next: the longest window is 120 s
+_LEAST_AGE_S: Final = 3.0
+_DRIFT_MPS: Final = 0.15  # standard deviation of a drift; assumed
+_LEAST_MISFIT: Final = 0.3
 
 
 def new_drift() -> FloatArray:
@@ -53,6 +71,7 @@ def new_drift() -> FloatArray:
     for body in Body:
         memory["receivers"][body] = new_ground().view(GROUND)[0]
     memory["time_s"] = math.nan
+    memory["ages_s"] = -1.0
     memory["restless"] = _FIRST_RESTLESS
     memory["restless_s"] = _FIRST_RESTLESS_S
     return flat
@@ -72,13 +91,14 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
     would show as the columns of G. Of each onset t0, every 5 s over 120 s (Willsky and Jones 1976,
     IEEE TAC 21, 108-112),
 
-        C = sum(G' S^-1 G) + 1 / w_0^2,   d = sum(G' S^-1 u),   J = d' C^-1 d / misfit.
+        C = sum(G' S^-1 G) / misfit + 1 / w_0^2,   d = sum(G' S^-1 u) / misfit,   J = d' C^-1 d,
+
+    with the sums over the positions of both receivers, which share the drift.
 
     J is divided by R^1.5, R how restless the ground was when the onset was assumed: the mean over a
     minute of the largest J of the shortest windows, which bumps and slips move more than a slow
-    drift. Taken before the onset, it has nothing of a drift that began with it. The largest scaled
-    J of each bin of window lengths is summed over the receivers. The statistic is the largest ratio
-    of that to the limit of its bin.
+    drift. Taken before the onset, it has nothing of a drift that began with it. The statistic
+    is the largest ratio of a scaled J to the limit of its bin of window lengths.
 
     Roll and pitch of the IMUs are what side slip and wheel slip on a slope follow, by two
     coefficients that are learnt. Without IMUs slopes look like drifts: limits are higher.
@@ -99,6 +119,7 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
     span_s = data.now - memory.time_s
     if 0.0 < span_s <= _LONGEST_TICK_S:
         _travel_tick(memory, data, span_s)
+        _age_onsets(memory, span_s)
     _remember_pose(memory, data)
 
     placed = False
@@ -112,11 +133,11 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
                     sample[SampleColumn.FIRST],
                     sample[SampleColumn.SECOND],
                     memory.knows_slope > 0.0,
-                    memory.restless,
                     memory.way,
                 )
     if placed and span_s > 0.0:
-        _judge(memory, board, min(span_s, _LONGEST_TICK_S), confirmed)
+        _write_ratios(memory, min(span_s, _LONGEST_TICK_S))
+        _judge(memory, board, confirmed)
 
 
 @kernel
@@ -207,31 +228,93 @@ def _remember_pose(memory: Record, data: TickData) -> None:
 
 
 @kernel
-def _judge(memory: Record, board: Record, span_s: float, confirmed: bool) -> None:
+def _age_onsets(memory: Record, span_s: float) -> None:
+    """Let all onsets age, and assume every five seconds that a drift begins now."""
+    for number in range(ONSETS):
+        if memory.ages_s[number] >= 0.0:
+            memory.ages_s[number] += span_s
+    memory.next_s -= span_s
+    if memory.next_s > 0.0:
+        return
+    memory.next_s = _EVERY_S
+    number = int(memory.next_onset)
+    memory.next_onset = (number + 1) % ONSETS
+    memory.ages_s[number] = 0.0
+    memory.restless_at[number] = max(memory.restless, 1.0)
+    for body in range(2):
+        begin_onset(memory.receivers[body], number)
+
+
+@kernel
+def _write_ratios(memory: Record, span_s: float) -> None:
+    """Write the largest scaled ratio of each bin, with the drift and the age of its onset.
+
+    A ratio is over how restless the ground was at its onset: a drift is restless too, once it is.
+    """
+    for n in range(BINS):
+        memory.scaled[n] = 0.0
+    shortest = 0.0
+    for number in range(ONSETS):
+        age_s = memory.ages_s[number]
+        if age_s < _LEAST_AGE_S:
+            continue
+        n = 0
+        while age_s >= BIN_ENDS_S[n]:
+            n += 1
+        ratio, drift_mps = _ratio(memory, number)
+        if n == 0:
+            shortest = max(shortest, ratio)
+        scaled = ratio / memory.restless_at[number] ** _RESTLESS_POWER
+        if scaled > memory.scaled[n]:
+            memory.scaled[n] = scaled
+            memory.drifts_mps[n] = drift_mps
+            memory.drift_ages_s[n] = age_s
+    if shortest > 0.0:
+        memory.restless_s = min(memory.restless_s + span_s, _RESTLESS_S)
+        share = span_s / memory.restless_s
+        memory.restless += share * (min(shortest, _LARGEST_RESTLESS) - memory.restless)
+
+
+@kernel
+def _ratio(memory: Record, number: int) -> tuple[float, float]:
+    """Return the likelihood ratio J of an onset by both receivers, and its drift [m/s]."""
+    c_00 = 1.0 / _DRIFT_MPS**2
+    c_11 = c_00
+    c_01 = 0.0
+    d_0 = 0.0
+    d_1 = 0.0
+    for body in range(2):
+        receiver = memory.receivers[body]
+        onset = receiver.onsets[number]
+        weight = 1.0 / max(receiver.misfit, _LEAST_MISFIT)
+        c_00 += weight * onset.information[0, 0]
+        c_11 += weight * onset.information[1, 1]
+        c_01 += weight * onset.information[0, 1]
+        d_0 += weight * onset.evidence[0]
+        d_1 += weight * onset.evidence[1]
+    determinant = c_00 * c_11 - c_01 * c_01
+    east = (c_11 * d_0 - c_01 * d_1) / determinant
+    north = (c_00 * d_1 - c_01 * d_0) / determinant
+    return east * d_0 + north * d_1, math.hypot(east, north)
+
+
+@kernel
+def _judge(memory: Record, board: Record, confirmed: bool) -> None:
     """Write the statistic of both limits, and the drift.
 
     Where GNSS velocities confirm the positions that of the second limit is 0: a slip that no slope
     explains is far more likely than a receiver that lies alike in both.
     """
     factor = _CONFIRMED if confirmed else 1.0
-    tractor = memory.receivers[Body.TRACTOR]
-    trailer = memory.receivers[Body.TRAILER]
-    shortest = tractor.shortest + trailer.shortest
-    if shortest > 0.0:
-        memory.restless_s = min(memory.restless_s + span_s, _RESTLESS_S)
-        share = span_s / memory.restless_s
-        memory.restless += share * (min(shortest, _LARGEST_RESTLESS) - memory.restless)
-
     largest = 0.0
     drift_mps = 0.0
     age_s = 0.0
     for n in range(BINS):
-        memory.scaled[n] = tractor.scaled[n] + trailer.scaled[n]
         limit = LIMITS_WITH_SLOPE[n] if memory.knows_slope > 0.0 else LIMITS_WITHOUT_SLOPE[n]
         if memory.scaled[n] / (factor * limit) > largest:
             largest = memory.scaled[n] / (factor * limit)
-            drift_mps = tractor.drifts_mps[n]
-            age_s = tractor.ages_s[n]
+            drift_mps = memory.drifts_mps[n]
+            age_s = memory.drift_ages_s[n]
     board.statistic[DetectorIndex.DRIFT] = largest
     board.statistic[DetectorIndex.DRIFT_SURE] = 0.0 if confirmed else largest
     for index in (DetectorIndex.DRIFT, DetectorIndex.DRIFT_SURE):

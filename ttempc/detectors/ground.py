@@ -39,28 +39,20 @@ SLIPS: Final = WAYS - 1  # coefficients of the columns behind `TRAVELLED`
 _SIZE: Final = 2 + SLIPS
 _KEPT: Final = 12  # ticks of which the way is kept, for samples that arrive late
 
-BINS: Final = 5
-BIN_ENDS_S: Final = (6.0, 15.0, 30.0, 55.0, math.inf)
-"""Ages of an onset up to which its ratio counts in a bin.
+ONSETS: Final = 24
+"""Number of moments at which a drift may have begun, see `observe_drift`."""
 
-Bumps and ruts look like short drifts: the ratios of short windows are larger, so that each bin has
-a limit of its own."""
-
-_ONSETS: Final = 24
-_EVERY_S: Final = 5.0  # from one onset to the next: the longest window is 120 s
-_LEAST_AGE_S: Final = 3.0
-_SETTLES_S: Final = 12.0  # before the first onset
+_SETTLES_S: Final = 12.0  # from a receiver's first position to an onset that it tells of
 
 _ONSET: Final = np.dtype(
     [
-        ("age_s", "f8"),  # since the assumed begin of a drift, -1: not in use
+        ("tells", "f8"),  # whether the receiver had settled when the drift began
         ("signature", "f8", (_SIZE, 2)),  # effect of a unit drift on the error of the state
         ("information", "f8", (2, 2)),  # about the drift [s^2/m^2]
         ("evidence", "f8", 2),  # for a drift east and north [s/m]
-        ("restless", "f8"),  # how restless the ground was before, see `observe_drift`
     ]
 )
-"""Hypothesis that a drift began at one moment."""
+"""What a receiver tells of the hypothesis that a drift began at one moment."""
 
 GROUND: Final = np.dtype(
     [
@@ -78,13 +70,8 @@ GROUND: Final = np.dtype(
         ("covariance", "f8", (_SIZE, _SIZE)),
         ("misfit", "f8"),  # mean normalised squared innovation of an axis
         ("steps", "f8"),  # in that mean
-        ("onsets", _ONSET, _ONSETS),
-        ("next_onset", "f8"),  # number of the onset that is replaced next
-        ("next_s", "f8"),  # time until then [s]
-        ("shortest", "f8"),  # largest likelihood ratio of the shortest windows
-        ("scaled", "f8", BINS),  # largest ratio in each bin, over that of restless ground
-        ("drifts_mps", "f8", BINS),  # of the onset with that ratio
-        ("ages_s", "f8", BINS),  # and its age
+        ("settled_s", "f8"),  # since the first position
+        ("onsets", _ONSET, ONSETS),
     ]
 )
 """Memory of one receiver."""
@@ -94,19 +81,16 @@ GROUND: Final = np.dtype(
 _IN_TURNS: Final = (0.05, 0.10, 0.10, 0.15, 0.03)  # from `TURN_SIDE` on
 _WITH_SLOPE: Final = (0.012, 0.012, 0.012, 0.012, 0.03, 0.05, 0.4, 0.4, *_IN_TURNS)
 _WITHOUT_SLOPE: Final = (0.06, 0.06, 0.06, 0.06, 0.03, 0.05, 0.0, 0.0, *_IN_TURNS)
-_BIAS_WALK: Final = 5e-4  # of the biases of heading and radius [1/sqrt(s)]
-_WALK: Final = 2e-4  # of the other coefficients [1/sqrt(s)]
+_BIAS_WALK: Final = 5e-4  # of the biases of heading and radius [1/sqrt(m)]
+_WALK: Final = 1e-4  # of the other coefficients [1/sqrt(m)]
 _SPEED_S: Final = 0.5  # of the mean speed whose change is the acceleration
 _USUAL_SPEED_S: Final = 60.0  # of the usual speed
-_ALONG_M: Final = 0.020  # random walk of dead reckoning along the heading [m/sqrt(s)]
-_ACROSS_M: Final = 0.008  # the same across
+_ALONG_M: Final = 0.020  # random walk of dead reckoning along the heading [m/sqrt(s)]: encoder
+_ACROSS: Final = 0.005  # the same across [m/sqrt(m)]: side slip on bumps
 _WHITE_M: Final = 0.035  # of a position, what bumps move it included
-_DRIFT_MPS: Final = 0.15  # standard deviation of a drift; assumed
 _USUAL: Final = 400.0  # steps in the mean misfit
 _LARGEST_MISFIT: Final = 8.0  # that one step adds
-_LEAST_MISFIT: Final = 0.3
 _LONGEST_STEP_S: Final = 2.0
-_RESTLESS_POWER: Final = 1.5  # of the restlessness, by which long ratios grow; by drives
 
 
 def new_ground() -> FloatArray:
@@ -115,7 +99,6 @@ def new_ground() -> FloatArray:
     memory = flat.view(GROUND)[0]
     memory["ways"][:, 0] = math.nan
     memory["last"][0] = math.nan
-    memory["onsets"]["age_s"] = -1.0
     memory["misfit"] = 1.0
     return flat
 
@@ -188,7 +171,6 @@ def place(
     x: float,
     y: float,
     knows_slope: bool,
-    restless: float,
     way: FloatArray,
 ) -> bool:
     """Take in a position; return whether it was used.
@@ -199,7 +181,6 @@ def place(
         x: east [m].
         y: north [m].
         knows_slope: whether roll and pitch are measured.
-        restless: how restless the ground is, see `observe_drift`.
         way: workspace as `GROUND.last`.
     """
     if not _interpolate(memory, time_s, way):
@@ -215,10 +196,9 @@ def place(
         since = way[column] - last[column]
         last[column] = way[column]
         way[column] = since
+    memory.settled_s += span_s
     _predict(memory, span_s, way)
-    _replace_onset(memory, span_s, restless)
     _correct(memory, x - last[1 + 2 * Way.TRAVELLED], y - last[2 + 2 * Way.TRAVELLED])
-    _write_ratios(memory)
     return True
 
 
@@ -257,12 +237,26 @@ def _restart(memory: Record, way: FloatArray, x: float, y: float, knows_slope: b
     for n in range(SLIPS):
         sd = _WITH_SLOPE[n] if knows_slope else _WITHOUT_SLOPE[n]
         memory.covariance[2 + n, 2 + n] = sd**2
-    for n in range(_ONSETS):
-        memory.onsets[n].age_s = -1.0
-    memory.shortest = 0.0
-    for n in range(BINS):
-        memory.scaled[n] = 0.0
-    memory.next_s = _SETTLES_S
+    for n in range(ONSETS):
+        _clear(memory.onsets[n])
+    memory.settled_s = 0.0
+
+
+@kernel
+def begin_onset(memory: Record, number: int) -> None:
+    """Assume that a drift begins now, in place of what was assumed under this number."""
+    onset = memory.onsets[number]
+    _clear(onset)
+    if memory.settled_s >= _SETTLES_S:
+        onset.tells = 1.0
+
+
+@kernel
+def _clear(onset: Record) -> None:
+    onset.tells = 0.0
+    onset.signature[:] = 0.0
+    onset.information[:] = 0.0
+    onset.evidence[:] = 0.0
 
 
 @kernel
@@ -293,11 +287,10 @@ def _predict(memory: Record, span_s: float, way: FloatArray) -> None:
             p[row, axis] += total
     _add_noise(memory, span_s, way)
 
-    for number in range(_ONSETS):
+    for number in range(ONSETS):
         onset = memory.onsets[number]
-        if onset.age_s < 0.0:
+        if onset.tells == 0.0:
             continue
-        onset.age_s += span_s
         for axis in range(2):
             onset.signature[axis, axis] += span_s
             for drift in range(2):
@@ -309,7 +302,10 @@ def _predict(memory: Record, span_s: float, way: FloatArray) -> None:
 
 @kernel
 def _add_noise(memory: Record, span_s: float, way: FloatArray) -> None:
-    """Add the noise of dead reckoning along and across its direction, and walks of coefficients."""
+    """Add the noise of dead reckoning along and across its direction, and walks of coefficients.
+
+    That of the encoder grows with the time, what the ground does with the distance.
+    """
     p = memory.covariance
     east = way[1 + 2 * Way.TRAVELLED]
     north = way[2 + 2 * Way.TRAVELLED]
@@ -317,31 +313,17 @@ def _add_noise(memory: Record, span_s: float, way: FloatArray) -> None:
     if length > 1e-4:  # a vehicle at rest gathers none
         cos = east / length
         sin = north / length
-        p[0, 0] += span_s * ((_ALONG_M * cos) ** 2 + (_ACROSS_M * sin) ** 2)
-        p[1, 1] += span_s * ((_ALONG_M * sin) ** 2 + (_ACROSS_M * cos) ** 2)
-        mixed = span_s * (_ALONG_M**2 - _ACROSS_M**2) * cos * sin
+        along = span_s * _ALONG_M**2
+        across = length * _ACROSS**2
+        p[0, 0] += along * cos**2 + across * sin**2
+        p[1, 1] += along * sin**2 + across * cos**2
+        mixed = (along - across) * cos * sin
         p[0, 1] += mixed
         p[1, 0] += mixed
     for n in range(SLIPS):
         if p[2 + n, 2 + n] > 0.0:
             is_bias = n in (Way.SIDE - 1, Way.CLIMB - 1)
-            p[2 + n, 2 + n] += span_s * (_BIAS_WALK if is_bias else _WALK) ** 2
-
-
-@kernel
-def _replace_onset(memory: Record, span_s: float, restless: float) -> None:
-    """Assume every five seconds that a drift begins, in place of the oldest onset."""
-    memory.next_s -= span_s
-    if memory.next_s > 0.0:
-        return
-    memory.next_s = _EVERY_S
-    onset = memory.onsets[int(memory.next_onset)]
-    memory.next_onset = (memory.next_onset + 1.0) % _ONSETS
-    onset.age_s = 0.0
-    onset.signature[:] = 0.0
-    onset.information[:] = 0.0
-    onset.evidence[:] = 0.0
-    onset.restless = max(restless, 1.0)
+            p[2 + n, 2 + n] += length * (_BIAS_WALK if is_bias else _WALK) ** 2
 
 
 @kernel
@@ -367,17 +349,17 @@ def _correct(memory: Record, east: float, north: float) -> None:
 
     weighted_u = i_00 * u + i_01 * v
     weighted_v = i_01 * u + i_11 * v
-    for number in range(_ONSETS):
+    for number in range(ONSETS):
         onset = memory.onsets[number]
-        if onset.age_s >= 0.0:
+        if onset.tells > 0.0:
             _add_evidence(onset, weighted_u, weighted_v, i_00, i_01, i_11)
 
     # The gain is made of the first two columns of P: r is what is compared
     for row in range(_SIZE):
         x[row] += p[row, 0] * weighted_u + p[row, 1] * weighted_v
-    for number in range(_ONSETS):
+    for number in range(ONSETS):
         onset = memory.onsets[number]
-        if onset.age_s < 0.0:
+        if onset.tells == 0.0:
             continue
         for drift in range(2):
             g_0 = onset.signature[0, drift]
@@ -441,36 +423,3 @@ def _reduce_corner(p: FloatArray, i_00: float, i_01: float, i_11: float) -> None
     p[0, 1] = b - (a * (i_00 * b + i_01 * d) + b * (i_01 * b + i_11 * d))
     p[1, 1] = d - (b * (i_00 * b + i_01 * d) + d * (i_01 * b + i_11 * d))
     p[1, 0] = p[0, 1]
-
-
-@kernel
-def _write_ratios(memory: Record) -> None:
-    """Write the largest scaled ratio of each bin, with the drift and the age of its onset.
-
-    A ratio is over how restless the ground was at its onset: a drift is restless too, once it is.
-    """
-    memory.shortest = 0.0
-    for n in range(BINS):
-        memory.scaled[n] = 0.0
-    scale = max(memory.misfit, _LEAST_MISFIT)
-    for number in range(_ONSETS):
-        onset = memory.onsets[number]
-        if onset.age_s < _LEAST_AGE_S:
-            continue
-        n = 0
-        while onset.age_s >= BIN_ENDS_S[n]:
-            n += 1
-        c_00 = onset.information[0, 0] + 1.0 / _DRIFT_MPS**2
-        c_11 = onset.information[1, 1] + 1.0 / _DRIFT_MPS**2
-        c_01 = onset.information[0, 1]
-        determinant = c_00 * c_11 - c_01 * c_01
-        east = (c_11 * onset.evidence[0] - c_01 * onset.evidence[1]) / determinant
-        north = (c_00 * onset.evidence[1] - c_01 * onset.evidence[0]) / determinant
-        ratio = (east * onset.evidence[0] + north * onset.evidence[1]) / scale
-        if n == 0:
-            memory.shortest = max(memory.shortest, ratio)
-        scaled = ratio / onset.restless**_RESTLESS_POWER
-        if scaled > memory.scaled[n]:
-            memory.scaled[n] = scaled
-            memory.drifts_mps[n] = math.hypot(east, north)
-            memory.ages_s[n] = onset.age_s
