@@ -1,6 +1,6 @@
 """Draw the vehicle with the symbols of docs/method.md.
 
-    python docs/pictures/geometry.py docs/pictures/geometry.svg
+python docs/pictures/geometry.py docs/pictures/geometry.svg
 """
 
 import math

@@ -42,13 +42,13 @@ DRIFT: Final = np.dtype(
 )
 """Memory of the detector."""
 
-LIMITS_WITH_SLOPE: Final = (23.8, 22.8, 18.0, 15.5, 12.9)
-"""Limits of the scaled ratio by the bins of `ground.BIN_ENDS_S`, where an IMU measures the slope.
+LIMITS_WITH_SLOPE: Final = (14.8, 16.0, 16.7, 15.1, 15.5)
+"""First limits of the scaled ratio by the bins of `BIN_ENDS_S`, where an IMU measures the slope.
 
-They are for 0.2 false alarms an hour over all fields, by
-`python -m proving_ground.experiments.papers drift-limits`, from its first 42 drives; furrows and
-soft patches make them two to three times what the other fields need."""
-LIMITS_WITHOUT_SLOPE: Final = (17.1, 18.2, 18.6, 25.5, 18.3)
+They are for one false alarm an hour over all fields, by
+`python -m proving_ground.experiments.papers drift-limits`; soft patches, furrows and working speed
+make them two to three times what the other fields need."""
+LIMITS_WITHOUT_SLOPE: Final = (17.4, 20.9, 21.3, 20.1, 18.7)
 """The same without an IMU, by the same command."""
 _CONFIRMED: Final = 1.5  # times the limits where velocities of GNSS confirm the positions; assumed
 

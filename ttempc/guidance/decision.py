@@ -18,6 +18,7 @@ from .safety import (
     NO_COMMAND,
     NO_ESTIMATE,
     NOT_FINITE,
+    NOT_STARTED,
     ON_PATH,
     POSITION_LOST,
     SAFETY,
@@ -87,6 +88,7 @@ def decide_mode(
     if not (fresh and _is_finite(e)):
         _bridge(g, t, fresh, now - g.finite_s <= safety.blind_s)
         return int(t.mode)
+    g.started = 1.0
     g.finite_s = now
 
     _write_body_error(t.tracking, e, reference, sample)
@@ -145,6 +147,8 @@ def _bridge(g: Record, t: Record, fresh: bool, holds: bool) -> None:
     g.body_error[0] = math.nan
     t.fallback = 1.0
     t.reason = NOT_FINITE if fresh else NO_ESTIMATE
+    if fresh and g.started == 0.0:
+        t.reason = NOT_STARTED
     if holds:
         t.mode = HOLD
         return

@@ -61,7 +61,7 @@ class Guidance(GuidanceReport):
         >>> guidance.warm_up()
         >>> estimate = guidance.update(1763775600.0, [])  # time [s], samples since the last call
         >>> guidance.step().delta_t, guidance.diagnostics.fallback
-        (0.0, 'estimate not finite: command held')
+        (0.0, 'no estimate yet: command held')
 
     `update` runs the estimator and the detectors of faults (`ttempc.detectors`). `step`
     checks the estimate against the reference, asks the controller, and limits its command. On a bad

@@ -25,6 +25,7 @@ from .safety import (
     NO_COMMAND,
     NO_ESTIMATE,
     NOT_FINITE,
+    NOT_STARTED,
     POSITION_LOST,
     TURNED,
     UNCERTAIN,
@@ -35,6 +36,11 @@ from .safety import (
 
 _INPUTS: Final = [item.name for item in fields(Command)]
 _BODIES: Final = ("tractor", "trailer")
+_WITHOUT_ESTIMATE: Final = {
+    NOT_STARTED: "no estimate yet",
+    NO_ESTIMATE: "no new estimate",
+    NOT_FINITE: "estimate not finite",
+}
 _CUTS: Final = {
     CUT_NOT_FINITE: "not finite",
     CUT_RANGE: "beyond its range",
@@ -88,10 +94,9 @@ def _reason_words(t: np.void, guard: np.void, facts: Facts) -> str:
     reason = int(t["reason"])
     drives = mode == DRIVE
     safety = facts.safety
-    if reason in (NO_ESTIMATE, NOT_FINITE):
-        what = "no new estimate" if reason == NO_ESTIMATE else "estimate not finite"
+    if reason in _WITHOUT_ESTIMATE:
         held = ": command held" if mode == HOLD else f" for more than {safety.blind_s:g} s"
-        return what + held
+        return _WITHOUT_ESTIMATE[reason] + held
     if reason == NO_COMMAND:
         return f"no finite command of the controller for more than {safety.blind_s:g} s"
     if LOST <= reason < ALARM_HELD:

@@ -26,6 +26,7 @@ POSITION_LOST: Final = 10  # GNSS outage: no sample was accepted for too long
 UNCERTAIN: Final = 11
 CORRIDOR: Final = 12
 NO_COMMAND: Final = 13
+NOT_STARTED: Final = 14  # there was no finite estimate yet
 
 # How a body is lost, added to `LOST` and three times its number:
 FAR: Final = 0
@@ -82,7 +83,8 @@ GUARD: Final = np.dtype(
         ("sent", "f8", 3),  # command of the tick before
         ("unanswered_s", "f8"),  # time in which the controller gave no finite command [s]
         ("rates_hold", "f8"),  # 0: a user's first command is free of the rate limits
-        ("finite_s", "f8"),  # time of the last finite estimate, NaN: none
+        ("started", "f8"),  # whether there was a finite estimate
+        ("finite_s", "f8"),  # time of the last one, before it of the first tick
         ("gnss_s", "f8"),  # time of the last accepted GNSS sample, NaN: none
         ("body_error", "f8", 7),  # of the tick before, see `BodyError`; NaN: none
         ("lost", "f8"),  # reason of a stop for good

@@ -58,27 +58,22 @@ def test_the_view_of_the_flags_is_that_of_the_model():
 
 
 def test_a_vehicle_that_falls_over_touches_the_ground_as_in_python():
-    """In the same step, and the step after it is the same from one state; later ones part.
+    """Each step from one state: over many, last bits decide which wheel of a tumble takes off first.
 
     The solver of contacts starts from the acceleration before, of which MuJoCo keeps another one.
     """
-    plants = pair(rough_slope(2))
-    for plant in plants:
-        plant.data.qvel[3] = 6.2  # [rad/s] roll
-        mujoco.mj_step1(plant.model, plant.data)
+    compiled, plain = pair(rough_slope(2))
+    plain.data.qvel[3] = 6.2  # [rad/s] roll
+    mujoco.mj_step1(plain.model, plain.data)
+    touched = 0
     for _ in range(1200):
-        for plant in plants:
+        compiled.restore(plain.snapshot())
+        for plant in (compiled, plain):
             plant.advance(Command(0.0, 0.0, 0.5), 1)
-        if plants[0].data.ncon:
-            break
-    compiled, plain = (plant.data for plant in plants)
-    assert compiled.ncon == plain.ncon > 0
-    np.testing.assert_allclose(compiled.qpos, plain.qpos, atol=1e-9)
-
-    plants[0].restore(plants[1].snapshot())
-    for plant in plants:
-        plant.advance(Command(0.0, 0.0, 0.5), 1)
-    np.testing.assert_allclose(compiled.qvel, plain.qvel, atol=1e-9)
+        assert compiled.data.ncon == plain.data.ncon
+        np.testing.assert_allclose(compiled.data.qvel, plain.data.qvel, atol=1e-9)
+        touched += plain.data.ncon > 0
+    assert 0 < touched < 1200
 
 
 def test_the_clearance_bounds_every_motion_without_a_contact():

@@ -49,7 +49,7 @@ def circling(monitors, seconds, wrong=lambda time_s: 0.0, rate=lambda true, time
 def test_a_step_of_both_receivers_is_not_believed_and_small_ones_add_up():
     begins = circling(Monitors(["drift", STEPS]), 40.0, lambda t: 0.4 * (t > 30.0))
     assert 30.0 < min(begins.values()) < 33.0
-    begins = circling(Monitors(["drift", STEPS]), 150.0, lambda t: 0.12 * max(0, t // 20.0 - 1))
+    begins = circling(Monitors(["drift", STEPS]), 240.0, lambda t: 0.1 * (t // 30.0))
     assert begins[STEPS] > 60.0  # not the first one
     assert not circling(Monitors(["drift", STEPS]), 120.0)
 

@@ -20,12 +20,13 @@ RADIUS_M = 12.0
 class Circle:
     """A vehicle on a circle: a slope moves it aside in proportion to its way, a drift to time."""
 
-    def __init__(self, names, seed=1, imu=False, held=False, velocity=False):
+    def __init__(self, names, seed=1, imu=False, held=False, velocity=False, shares=(1.0, 1.0)):
         self.rng = np.random.default_rng(seed)
         self.monitors = Monitors(names)
         self.imu = imu
         self.velocity = velocity  # receivers measure it, of what they say of their positions
         self.held = held  # receivers hold their positions while the vehicle stands
+        self.shares = shares  # of each receiver in the drift
         self.last = {}
         self.drifted = np.zeros(2)  # at the tick before
 
@@ -57,8 +58,9 @@ class Circle:
         tractor = RADIUS_M * np.array([np.cos(angle), np.sin(angle)]) + slipped
         trailer = tractor - BEHIND_M * ahead
         samples = [Measurement(time_s, Sensor.ENCODER, (speed + self.rng.normal(0.0, 0.03),))]
-        for sensor, place in ((Sensor.GNSS_TRACTOR, tractor), (Sensor.GNSS_TRAILER, trailer)):
-            at = place + drifted + self.rng.normal(0.0, 0.03, 2)
+        receivers = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
+        for sensor, place, share in zip(receivers, (tractor, trailer), self.shares, strict=True):
+            at = place + share * drifted + self.rng.normal(0.0, 0.03, 2)
             if self.held and speed == 0.0:
                 at = self.last.get(sensor, at) + self.rng.normal(0.0, 1e-4, 2)
             else:
@@ -90,15 +92,16 @@ def test_a_drift_slows_then_stops_the_vehicle_and_a_slope_does_not(imu):
     assert 40.0 < begins[DRIFT[0]] <= begins[DRIFT[1]] < 90.0
     assert [alarm.reaction for alarm in alarms] == [Reaction.SLOW, Reaction.STOP_ON_PATH]
     assert float(alarms[-1].reason.split()[3]) == pytest.approx(12.0, abs=5.0)
-    begins, _ = Circle(DRIFT, imu=imu).drive(150.0, slope=0.05)
-    assert not begins
+    for speed_mps in (1.0, 4.0):
+        begins, _ = Circle(DRIFT, imu=imu).drive(150.0, slope=0.05, speed_mps=speed_mps)
+        assert not begins
 
 
 def test_positions_that_velocities_confirm_slow_the_vehicle_down_and_never_stop_it():
     """Nothing but slip tells such a drift; the first limit is higher."""
     names = [*DRIFT, BUILT_IN[DetectorIndex.VELOCITY].name]
-    begins, _ = Circle(names, imu=True, velocity=True).drive(150.0, drift_mps=0.12, from_s=40.0)
-    alone, _ = Circle(DRIFT, imu=True).drive(150.0, drift_mps=0.12, from_s=40.0)
+    begins, _ = Circle(names, imu=True, velocity=True).drive(150.0, drift_mps=0.04, from_s=40.0)
+    alone, _ = Circle(DRIFT, imu=True).drive(150.0, drift_mps=0.04, from_s=40.0)
     assert [*begins] == [DRIFT[0]]
     assert begins[DRIFT[0]] > alone[DRIFT[0]]
 
@@ -136,3 +139,10 @@ def test_positions_that_move_while_the_vehicle_stands_drift(drift_mps, drifts):
 def test_a_receiver_that_holds_its_position_at_rest_gets_no_verdict():
     begins, _ = Circle([AT_REST], held=True).drive(75.0, drift_mps=0.05, speed_mps=stops)
     assert not begins
+
+
+def test_opposite_drifts_of_both_receivers_are_none_that_they_share():
+    shared, _ = Circle(DRIFT).drive(150.0, drift_mps=0.04, from_s=40.0)
+    opposite, _ = Circle(DRIFT, shares=(1.0, -1.0)).drive(150.0, drift_mps=0.04, from_s=40.0)
+    assert DRIFT[0] in shared
+    assert not opposite
