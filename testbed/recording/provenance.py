@@ -20,6 +20,7 @@ _SOURCE: Final = {  # files that affect a run; scenarios are part of its identit
     "testbed": (".py",),
     "ttempc": (".py",),
 }
+_CODE: Final = ("--", ".", ":(exclude)docs")  # what git compares
 _ROOT: Final = Path(__file__).resolve().parents[2]  # folder of testbed, experiments and mjcf
 
 
@@ -27,7 +28,7 @@ def versions() -> dict[str, str]:
     """Return the versions of all software that can change a run.
 
     Optional packages are included where they are installed, "commit" where the code runs from a
-    checkout, with "-dirty" where that differs from its last commit.
+    checkout, with "-dirty" where code of it differs from its last commit.
     """
     versions = {name: _version(name) for name in _PACKAGES}
     for name in _OPTIONAL:
@@ -84,9 +85,17 @@ def _commit(checkout: Path) -> str:
     """Return the commit of the checkout; empty without a repository or without git."""
     if not (checkout / ".git").exists():  # installed: a repository above is not this project's
         return ""
-    command = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=12"]
     try:
-        answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
+        commit = _git(checkout, "rev-parse", "--short=12", "HEAD")
+        # A study writes its table into docs/ while the next one runs: pages are no code
+        changed = _git(checkout, "status", "--porcelain", "--untracked-files=no", *_CODE)
     except (OSError, subprocess.SubprocessError):
         return ""
+    return f"{commit}-dirty" if changed else commit
+
+
+def _git(checkout: Path, *arguments: str) -> str:
+    """Return what git prints of a checkout."""
+    command = ["git", "-C", str(checkout), *arguments]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
     return answer.stdout.strip()

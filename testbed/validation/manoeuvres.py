@@ -195,6 +195,9 @@ def _axle_inertia(plant: Plant, wheel: str) -> float:
     return principal + float(plant.model.joint(wheel).armature[0])
 
 
+_PLAIN: Final = "a plain trailer has no steering"
+
+
 def steering_steps(bench: Bench) -> Iterator[Measured]:
     """Measure rate, stop and lag of both steering angles for 1.5 rad, beyond both stops."""
     for name, letter in (("front steering", "t"), ("trailer steering", "i")):
@@ -215,9 +218,13 @@ def steering_steps(bench: Bench) -> Iterator[Measured]:
         behind = time[middle] - angle[middle] / rate  # a lag trails a ramp by its time constant
         found = np.degrees([np.diff(angle).max() / every_s, angle[-1]])
         rated, stop = np.degrees([rate, limit])
-        yield Measured(found[0], rated, chart=chart, words={"axis": name})
+        if limit:
+            yield Measured(found[0], rated, chart=chart, words={"axis": name})
+        else:
+            yield Measured(None, words={"axis": name}, note=_PLAIN)
         yield Measured(found[1], stop, words={"axis": name})
-        yield Measured(behind, lag, words={"axis": name})
+        if limit:
+            yield Measured(behind, lag, words={"axis": name})
 
 
 # --- turning --------------------------------------------------------------------------------------
@@ -586,7 +593,10 @@ def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
         ("v sin lambda", "a psi_t' cos lambda", "d delta_i' cos delta_i"),
         strict=True,
     ):
-        yield Measured(residual(signs) / right, words={"term": term})
+        if term.startswith("d delta_i'") and bench.nominal.is_plain:
+            yield Measured(None, words={"term": term}, note=_PLAIN)
+        else:
+            yield Measured(residual(signs) / right, words={"term": term})
 
 
 # --- rough ground ---------------------------------------------------------------------------------

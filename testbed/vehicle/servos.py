@@ -31,6 +31,7 @@ _TRAILER_TORQUE: Final = 1.4
 _TRAILER_DEFLECTION: Final = 0.08  # [rad]
 # Of a plain trailer, whose drawbar is welded to its frame [rad]; assumed
 _RIGID_DEFLECTION: Final = 0.01
+_NO_ANGLE: Final = 1e-9  # [rad]
 # Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
 # implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
 _LINKAGE_TIME: Final = 1e-3  # [s]
@@ -80,7 +81,8 @@ def _put_steering(
     actuator.dynprm[1] = math.radians(steering.rate_degps)
     actuator.biasprm[1] = -stiffness
     actuator.biasprm[2] = -damping
-    actuator.ctrlrange = [-limit, limit]
+    # MuJoCo takes an empty range for none: that of a plain trailer has a width
+    actuator.ctrlrange = [-max(limit, _NO_ANGLE), max(limit, _NO_ANGLE)]
     actuator.forcerange = [-torque, torque]
     return damping
 

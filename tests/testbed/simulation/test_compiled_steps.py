@@ -58,7 +58,7 @@ def test_the_view_of_the_flags_is_that_of_the_model():
 
 
 def test_a_vehicle_that_falls_over_touches_the_ground_as_in_python():
-    """Each step from one state: over many, last bits decide which wheel of a tumble takes off first.
+    """Each step from one state: over many, last bits decide which wheel takes off first.
 
     The solver of contacts starts from the acceleration before, of which MuJoCo keeps another one.
     """

@@ -35,6 +35,21 @@ def test_every_experiment_holds_for_both_vehicles(experiment, bench):
         assert check.expectation
 
 
+@pytest.mark.parametrize("experiment", ["steering", "kinematics"])
+def test_a_plain_trailer_keeps_its_angle_and_has_no_checks_of_its_steering(experiment):
+    checks = checks_of(experiment, bench_of("plain-trailer"))
+    assert all(check.passed is not False for check in checks)
+    assert [check.name for check in checks if check.passed is None] == [
+        {
+            "steering": "trailer steering, rate",
+            "kinematics": "residual with the sign of d delta_i' cos delta_i flipped, "
+            "over that without",
+        }[experiment]
+    ]
+    stops = [check.figure for check in checks if check.name == "trailer steering, stop"]
+    assert all(abs(stop_deg) < 1e-3 for stop_deg in stops)
+
+
 def test_a_check_passes_inside_its_range_and_nowhere_else():
     for figure, passed in ((1.96, True), (2.04, True), (1.94, False), (math.nan, False)):
         assert between("x", figure, 1.95, 2.05, "m", "s").passed is passed
