@@ -25,7 +25,6 @@ from typing import Final
 import numpy as np
 
 from ttempc.errors import GuidanceFailed
-from ttempc.guidance.safety import NOT_STARTED
 from ttempc.layout import TICK
 
 from ..errors import PlantDiverged, StageFailed
@@ -99,8 +98,8 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     fallback = guidance.diagnostics.fallback if record.view(TICK)[0]["fallback"] else ""
     if fallback != tick.fallback:
         text = f"{REACTION}{fallback}" if fallback else REACTION_ENDED
-        begins = record.view(TICK)[0]["reason"] == NOT_STARTED  # of the filter, at every start
-        sink.event(Event(time, "warning" if fallback and not begins else "info", text))
+        warns = fallback and not guidance.waits_for_estimate
+        sink.event(Event(time, "warning" if warns else "info", text))
         tick.fallback = fallback
 
 

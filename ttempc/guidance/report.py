@@ -10,11 +10,12 @@ import numpy as np
 from ..detectors.interface import Alarm, Detector
 from ..detectors.monitors import Monitors
 from ..errors import GuidanceFailed
-from ..layout import INNOVATION, Innovations, estimate_view
+from ..layout import INNOVATION, TICK, Innovations, estimate_view
 from ..reference.reference import Reference
 from ..types import Command, ControlStep, Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import Vehicle
 from .pipeline import Pipeline
+from .safety import NOT_STARTED
 from .supervisor import Supervisor
 
 
@@ -78,6 +79,11 @@ class GuidanceReport:
     def tick_record(self) -> FloatArray:
         """Record `ttempc.layout.TICK` of the last step; `diagnostics` is its view."""
         return self._supervisor.tick
+
+    @property
+    def waits_for_estimate(self) -> bool:
+        """Whether there was no finite estimate up to the last step, as at every start."""
+        return self._supervisor.tick.view(TICK)[0]["reason"] == NOT_STARTED
 
     @property
     def stopping(self) -> bool:
