@@ -16,7 +16,7 @@ from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.testbed.recording.channels import CONTROL, STATE
-from proving_ground.testbed.recording.record import Recorder
+from proving_ground.testbed.recording.record import REACTION, Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
 from proving_ground.testbed.vehicle.vehicle import VEHICLES
 
@@ -237,3 +237,13 @@ def test_sensors_that_say_nan_are_no_reason_to_crash():
         return replace(sample, value=(math.nan,) * len(sample.value)) if k >= 30 else sample
 
     assert any("stopped" in text for text in spoilt(nan, 90, straight(24))[2])
+
+
+def test_the_wait_for_the_first_estimate_is_no_warning():
+    """Receivers of `grass-field` deliver late: the filter starts after the first tick."""
+    name, scenario = load("grass-field", ["path={kind='straight', length_m=4}"])
+    _, record = simulate(name, scenario, seed=1)
+    first = next(event for event in record.events if event.text.startswith(REACTION))
+    assert (first.time_s, first.level) == (0.0, "info")
+    assert "no estimate yet" in first.text
+    assert not [event for event in record.events if event.level == "warning"]

@@ -8,7 +8,6 @@ from pathlib import Path
 DRIVE = """
 import sys
 from proving_ground import load, simulate
-from proving_ground.testbed.recording.record import REACTION
 
 name, scenario = load("grass", ["path={kind='straight', length_m=2}"])
 simulate(name, scenario, seed=1)
@@ -56,13 +55,3 @@ def test_an_environment_does_not_know_the_film():
     command = [sys.executable, "-c", code]
     names = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     assert not [name for name in names if ".experiments.pictures" in name]
-
-
-def test_the_wait_for_the_first_estimate_is_no_warning():
-    """Receivers of `grass-field` deliver late: the filter starts after the first tick."""
-    name, scenario = load("grass-field", ["path={kind='straight', length_m=4}"])
-    _, record = simulate(name, scenario, seed=1)
-    first = next(event for event in record.events if event.text.startswith(REACTION))
-    assert (first.time_s, first.level) == (0.0, "info")
-    assert "no estimate yet" in first.text
-    assert not [event for event in record.events if event.level == "warning"]
