@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import tomllib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar, get_args, get_type_hints
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, ValidationInfo
+from pydantic_core import ErrorDetails
 
 from ttempc.suggestion import did_you_mean
 
@@ -43,6 +45,8 @@ _MOST_CHARACTERS: Final = 10_000  # in a text of a file
 _SMALLEST: Final = 1e-12
 _LARGEST: Final = 1e12
 _MOST_SHOWN: Final = 300  # characters of a wrong value
+# Of a key that allows several forms, as pydantic names them in the location of an error
+_FORM: Final = re.compile(r"bool|int|float|str|none|(constrained-|list\[|tuple\[|dict\[).*")
 Table = TypeVar("Table")
 
 
@@ -151,7 +155,7 @@ def format_validation_error(error: ValidationError, root: type) -> str:
     """
     details = error.errors()
     unknown = (each for each in details if each["type"] == "unexpected_keyword_argument")
-    first = next(unknown, details[0])
+    first = next(unknown, _closest(details))
     keys, tables = _descend(first["loc"], root)
     where = ".".join(keys)
     if first["type"] == "unexpected_keyword_argument":
@@ -163,6 +167,23 @@ def format_validation_error(error: ValidationError, root: type) -> str:
     if first["type"] == "union_tag_not_found":
         return f"{where}: kind is missing, must be one of {', '.join(_kinds(tables))}{given}"
     return f"{where}: {first['msg'].removeprefix('Value error, ')}{given}"
+
+
+def _closest(details: Sequence[ErrorDetails]) -> ErrorDetails:
+    """Return, of the errors of the first key, that of the allowed form that was nearly met.
+
+    A key that allows several forms has an error of each: a form is nearly met where the error is
+    deeper in it, or not of its kind.
+    """
+    key = _without_forms(details[0]["loc"])
+    own = [each for each in details if _without_forms(each["loc"])[: len(key)] == key]
+    return min(own, key=lambda each: (-len(each["loc"]), each["type"].endswith("_type")))
+
+
+def _without_forms(location: Sequence[str | int]) -> list[str | int]:
+    """Return a location without the forms of a key, which pydantic puts behind it."""
+    is_form = [isinstance(part, str) and bool(_FORM.fullmatch(part)) for part in location]
+    return [part for part, form in zip(location, is_form, strict=True) if not form]
 
 
 def _shown(value: object) -> str:
@@ -177,7 +198,7 @@ def _descend(location: Sequence[str | int], root: type) -> tuple[list[str], list
     """
     keys: list[str] = []
     tables: list[Any] = [root]
-    for part in location:
+    for part in _without_forms(location):
         kinds = _kinds(tables)
         if isinstance(part, str) and part in kinds and len(kinds) > 1:
             tables = [kinds[part]]
