@@ -17,11 +17,12 @@ if TYPE_CHECKING:
     from sphinx.writers.html5 import HTML5Translator
 
 DOCS = Path(__file__).parent
+LECTURES = ("tracking", "estimation", "tubes")
 LONGEST_FIGURE = 32  # characters of a cell: a figure with its interval; longer ones are sentences
 project = "ttempc"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 # index.rst includes the first one; programs that are no pages
-exclude_patterns = ["start.md", "conf.py", "examples/**", "lectures/grade.py"]
+exclude_patterns = ["start.md", "conf.py", "examples/**", "pictures/**", "lectures/grade.py"]
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}  # lectures are notebooks
 nb_execution_timeout = 300  # of a cell [s]
 nb_execution_raise_on_error = True
@@ -75,7 +76,8 @@ def link_to_text(app: Sphinx, docname: str, source: list[str]) -> None:
         if not target or re.match(r"[a-z]+:", target):
             return found[0]
         file = (page / target).resolve()
-        return found[0] if file.is_relative_to(DOCS) and file.suffix != ".py" else found[1]
+        is_page = file.suffix != ".py" or file.stem in LECTURES
+        return found[0] if file.is_relative_to(DOCS) and is_page else found[1]
 
     source[0] = re.sub(r"(?<!!)\[([^\]\[]+)\]\(([^)\s]+)\)", known, source[0])
 
