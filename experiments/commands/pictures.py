@@ -164,10 +164,10 @@ def _table_of_log(log: Path) -> str:
     from ...testbed.log.reader import read_log
     from ..results.latex import latex_table
     from ..results.summary import tracking_statistics
-    from ..results.table import COLUMNS, COUNTED, error_rows
+    from ..results.table import COLUMNS, COUNTED, tracking_rows
     from ..results.tracking_errors import tracking_errors
 
-    rows = error_rows(tracking_statistics(tracking_errors(read_log(log))))
+    rows = tracking_rows(tracking_statistics(tracking_errors(read_log(log))))
     heads = ("path", "point", *(f"{head} [cm]" for head in COLUMNS))
     return latex_table(heads, rows, f"cross-track errors; p95: of the absolute error. {COUNTED}")
 

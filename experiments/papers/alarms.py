@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from ttempc.detectors.interface import Alarm, Reaction
 from ttempc.guidance.guidance import Guidance
-from ttempc.guidance.safety import CORRIDOR, NOT_STARTED
+from ttempc.guidance.safety import CORRIDOR
 from ttempc.layout import TICK
 
 from ...testbed.recording.record import Record, Recorder
@@ -46,7 +46,8 @@ class Listener:
     def _act_without_alarm(self) -> str:
         """Return why the supervisor acts; empty for a corridor, and before the first estimate."""
         tick = self._guidance.tick_record.view(TICK)[0]
-        acts = tick["reason"] not in (0.0, CORRIDOR, NOT_STARTED) or tick["cut"].any()
+        acts = tick["reason"] not in (0.0, CORRIDOR) or tick["cut"].any()
+        acts = acts and not self._guidance.waits_for_estimate
         return self._guidance.diagnostics.fallback if acts else ""
 
 

@@ -41,7 +41,7 @@ def format_run(summary: Summary) -> str:
         "",
         "Cross-track error [cm]".ljust(_BODY_WIDTH) + _row(COLUMNS),
     ]
-    for place, body, *cells in error_rows(summary.tracking):
+    for place, body, *cells in tracking_rows(summary.tracking):
         lines.append(f"{place:<12}{body}".ljust(_BODY_WIDTH) + _row(cells))
     lines += ["", *_other_numbers(summary)]
     lines.append("p95: of the absolute error. " + COUNTED)
@@ -52,7 +52,7 @@ def format_run(summary: Summary) -> str:
     return "\n".join(lines)
 
 
-def error_rows(tracking: TrackingStatistics) -> list[tuple[str, ...]]:
+def tracking_rows(tracking: TrackingStatistics) -> list[tuple[str, ...]]:
     """Return rows of place, point and `COLUMNS` in cm, the whole path and the working point first.
 
     A path without curves, or of curves alone, has no rows of what it lacks.

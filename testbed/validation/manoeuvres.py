@@ -196,6 +196,7 @@ def _axle_inertia(plant: Plant, wheel: str) -> float:
 
 
 _PLAIN: Final = "a plain trailer has no steering"
+_BY_STEERING: Final = "d delta_i' cos delta_i"  # what steering adds to the trailer's yaw rate
 
 
 def steering_steps(bench: Bench) -> Iterator[Measured]:
@@ -590,10 +591,10 @@ def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
     yield Measured(1e3 * np.linalg.norm(axles - chain, axis=1).max())
     for signs, term in zip(
         1.0 - 2.0 * np.eye(3),
-        ("v sin lambda", "a psi_t' cos lambda", "d delta_i' cos delta_i"),
+        ("v sin lambda", "a psi_t' cos lambda", _BY_STEERING),
         strict=True,
     ):
-        if term.startswith("d delta_i'") and bench.nominal.is_plain:
+        if term == _BY_STEERING and bench.nominal.is_plain:
             yield Measured(None, words={"term": term}, note=_PLAIN)
         else:
             yield Measured(residual(signs) / right, words={"term": term})

@@ -253,6 +253,7 @@ def begin_onset(memory: Record, number: int) -> None:
 
 @kernel
 def _clear(onset: Record) -> None:
+    """Forget what a receiver told of an onset."""
     onset.tells = 0.0
     onset.signature[:] = 0.0
     onset.information[:] = 0.0

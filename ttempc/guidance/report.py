@@ -15,7 +15,7 @@ from ..reference.reference import Reference
 from ..types import Command, ControlStep, Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import Vehicle
 from .pipeline import Pipeline
-from .safety import NOT_STARTED
+from .safety import HOLD, NOT_STARTED
 from .supervisor import Supervisor
 
 
@@ -82,8 +82,9 @@ class GuidanceReport:
 
     @property
     def waits_for_estimate(self) -> bool:
-        """Whether there was no finite estimate up to the last step, as at every start."""
-        return self._supervisor.tick.view(TICK)[0]["reason"] == NOT_STARTED
+        """Whether the command was held for the first estimate, as at every start; no stop."""
+        tick = self._supervisor.tick.view(TICK)[0]
+        return bool(tick["reason"] == NOT_STARTED and tick["mode"] == HOLD)
 
     @property
     def stopping(self) -> bool:

@@ -357,3 +357,20 @@ def test_what_cannot_be_learnt_is_told_and_the_old_parts_drive_on(received, iden
     assert learnt[EXCHANGE][0].startswith(message)
     assert guidance.vehicle == VEHICLE
     np.testing.assert_array_equal(sent, alone)
+
+
+def test_the_wait_for_a_first_estimate_ends_in_a_stop():
+    """A short hold is the filter's start; where the vehicle is stopped there is a fault."""
+    guidance = Guidance(Vehicle(), figure_eight())
+    waits = []
+    words = []
+    for k in range(20):
+        guidance.update(PERIOD_S * k, [])
+        guidance.step()
+        waits.append(guidance.waits_for_estimate)
+        words.append(guidance.diagnostics.fallback)
+    assert waits[0]
+    assert not waits[-1]
+    assert waits == sorted(waits, reverse=True)
+    assert all("no estimate yet" in text for text in words)
+    assert "stopped" in words[-1]
