@@ -53,7 +53,7 @@ def carry() -> None:
         folder = source / FOLDER
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        kernels = sorted(MADE.glob(f"{package}.*.kernel"))
+        kernels = sorted(MADE.glob(f"{package}.*.code"))
         for kernel in kernels:
             shutil.copyfile(kernel, folder / kernel.name)
         size_mb = sum(kernel.stat().st_size for kernel in kernels) / 1e6

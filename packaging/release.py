@@ -57,7 +57,7 @@ def faults_of_wheel(path: Path) -> Iterator[str]:
     with zipfile.ZipFile(path) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
         about = {name.partition(".dist-info/")[2] for name in archive.namelist()}
-    kernels = {name for name in names if name.endswith(".kernel")}
+    kernels = {name for name in names if name.endswith(".code")}
     if not kernels:
         yield f"{path.name}: carries no kernel"
     for name in sorted(expected(wheel) - names):
@@ -78,7 +78,7 @@ def faults_of_source(path: Path) -> Iterator[str]:
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         if name not in names:
             yield f"{path.name}: lacks {name}"
-    if any(name.endswith(".kernel") for name in names):
+    if any(name.endswith(".code") for name in names):
         yield f"{path.name}: has machine code"
 
 
@@ -118,7 +118,7 @@ def faults_of_drives(wheels: list[Path]) -> Iterator[str]:
             )
             if done.returncode:
                 yield f"{name}: exit code {done.returncode}: {done.stderr.strip()[-500:]}"
-            new = {*(place / KERNELS).glob("*.kernel")} - compiled
+            new = {*(place / KERNELS).glob("*.code")} - compiled
             compiled |= new
             for kernel in sorted(new):
                 yield f"{name}: compiles {kernel.name.partition('-')[0]}, which no wheel carries"

@@ -432,7 +432,7 @@ def start_up(repeats: int = 5) -> list[Figure]:
         run()  # kernels are in the cache from here on
         warm = min(run() for _ in range(repeats))
         first = run(f"{folder}/kernels")
-        kernels = len([*Path(folder, "kernels").rglob("*.nbi")])
+        kernels = len([*Path(folder, "kernels").rglob("*.code")])
     imports = (sys.executable, "-c", "from ttempc import Guidance")
     return [
         Figure("`ttempc --help`", min(process_s(*_COMMAND, "--help") for _ in "12345"), "s", 0.3),

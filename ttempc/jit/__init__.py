@@ -5,11 +5,12 @@ it, coverage and profilers count its lines. That is the plain mode.
 
 What a release of numba may break, how one sees it, and how to switch it off:
 
-- `compiler`: numba's list of passes, how it links and finishes machine code. The first kernel
-  raises, or `tests/ttempc/jit/test_compiler.py` fails. Delete `pipeline_class`: numba then uses
-  its own passes and libraries.
-- `cache`: the interface of numba's cache and the content of a compile result. A line of the logger
-  `ttempc` in every process says that kernels are compiled. Delete `kernel._cache = ...`.
+- `compiler`, `parts`: numba's list of passes, how Python or a kernel asks for a compiled function,
+  how code is linked and finished. The first kernel raises, or
+  `tests/ttempc/jit/test_compiler.py` fails. Let `cached_njit` return `numba.njit(**options)`:
+  every process then compiles its own kernels, for minutes.
+- `cache`: what can be pickled of a compiled function. A line of the logger `ttempc` in every
+  process says that kernels are compiled. Set `is_used = False`.
 - `records`, `rows`: the memory layout of arrays, LLVM's vector instructions. The tests in
   `tests/ttempc/jit` fail. Set `NUMBA_DISABLE_JIT=1`.
 """

@@ -24,19 +24,19 @@ import uuid
 from collections.abc import Callable
 from enum import EnumType
 from types import FunctionType, ModuleType
-from typing import Any, Final
+from typing import Any, Final, Generic, TypeVar
 
 import numba
 import numpy as np
 from numba.core import event
-from numba.core.caching import CompileResultCacheImpl, _Cache
-from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 from numba.core.serialize import dumps
 from numba.core.types import ExternalFunction
 
 _LOG: Final = logging.getLogger("ttempc")
+
+T = TypeVar("T")
 
 
 class Compilation(event.TimingListener):
@@ -48,17 +48,17 @@ class Compilation(event.TimingListener):
 
     def __init__(self) -> None:
         super().__init__()
-        self.kernels = 0
-        self._announced = 0
+        self._began = False
+        self._announced_s = 0.0
         self._collects = False  # whether garbage was collected before the outermost compilation
         self.on_first: Callable[[], object] = lambda: None
 
     def on_start(self, event: event.Event) -> None:
-        """Count a kernel; announce the first, unless a line said already that none is kept."""
-        if not (self.kernels or _warn_of_no_cache.cache_info().currsize):
+        """Announce the first kernel, unless a line said already that none is kept."""
+        if not (self._began or _warn_of_no_cache.cache_info().currsize):
             _LOG.warning("compiling kernels, once: later processes load them")
             self.on_first()
-        self.kernels += 1
+        self._began = True
         if self._depth == 0:
             # The compiler makes millions of objects that live until it is done: looking for those
             # that do not takes an eighth of its time.
@@ -73,10 +73,13 @@ class Compilation(event.TimingListener):
             gc.enable()
 
     def announce(self) -> None:
-        """Log how many kernels were compiled and in what time, if there are new ones."""
-        if self.done and self.kernels > self._announced:  # a thread may compile the first one
-            self._announced = self.kernels
-            _LOG.warning("compiled %d kernels in %.1f s", self.kernels, self.duration)
+        """Log how long it took to compile kernels since the last such line, if it did."""
+        if not self.done:  # a thread may compile the first one
+            return
+        since_s = self.duration - self._announced_s
+        if since_s > 0.0:
+            self._announced_s = self.duration
+            _LOG.warning("compiled kernels in %.1f s", since_s)
 
 
 COMPILATION: Final = Compilation()
@@ -120,7 +123,7 @@ def _kernel_folder() -> str:
     return folder
 
 
-_COMPILER_VERSION: Final = "2"
+_COMPILER_VERSION: Final = "3"
 """To be raised where `compiler` makes other machine code of the same kernel than before."""
 
 SHIPPED: Final = "kernels"
@@ -134,31 +137,41 @@ def _shipped_folder(module: str) -> str | None:
     return os.path.join(folders[0], SHIPPED) if folders else None
 
 
-class KernelCache(_Cache):
-    """Machine code of one kernel: a file for each of its signatures.
+class KernelCache(Generic[T]):
+    """Files of what was compiled of one kernel: one for each of its signatures.
 
     A file that cannot be read or written, as on a full disk, is as good as none. A broken file is
     removed.
+
+    Args:
+        kernel: whose files.
+        kind: what of the kernel they keep; their suffix.
+        kept: makes of it what a file keeps.
+        restored: makes it of numba's context and what a file keeps.
     """
 
-    def __init__(self, kernel: Dispatcher) -> None:
+    def __init__(
+        self,
+        kernel: Dispatcher,
+        kind: str,
+        kept: Callable[[T], tuple[object, ...]],
+        restored: Callable[..., T],
+    ) -> None:
         self._kernel = kernel
-        self._enabled = True
+        self._kind = kind
+        self._kept = kept
+        self._restored = restored
+        self.is_used = True
 
-    @property
-    def cache_path(self) -> str:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Folder of the kernels, which need not exist."""
-        return _chosen_folder()
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - of numba
-        """Return the compile result of a signature, None if there is none."""
-        if not self._enabled:
+    def load(self, types: tuple[Any, ...]) -> T | None:
+        """Return what is kept for these types of arguments, None if nothing is."""
+        if not self.is_used:
             return None
-        target_context.refresh()  # as numba's own cache does
-        name = self._file_name(sig, target_context.codegen())
+        self._context.refresh()  # as numba's own cache does
+        name = self._file_name(types)
         shipped = _shipped_folder(self._kernel.py_func.__module__)
         if shipped is not None:
-            found = _loaded(os.path.join(shipped, name), target_context)
+            found = self._read(os.path.join(shipped, name))
             if found is not None:
                 return found
         try:
@@ -166,60 +179,48 @@ class KernelCache(_Cache):
         except OSError as error:
             _warn_of_no_cache(str(error))
             return None
-        found = _loaded(path, target_context)
+        found = self._read(path)
         if found is None and os.path.exists(path):  # it is broken
             _remove(path)
         return found
 
-    def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401 - of numba
-        """Write the compile result of a signature."""
-        if not (self._enabled and CompileResultCacheImpl.check_cachable(_UNUSED, data)):
+    def save(self, types: tuple[Any, ...], compiled: T) -> None:
+        """Write what was compiled for these types of arguments."""
+        if not self.is_used:
             return
         try:
-            path = os.path.join(_kernel_folder(), self._file_name(sig, data.codegen))
-            _write(path, dumps(data._reduce()))
+            path = os.path.join(_kernel_folder(), self._file_name(types))
+            _write(path, dumps(self._kept(compiled)))
         except OSError as error:
             _warn_of_no_cache(str(error))
 
-    def enable(self) -> None:
-        """Load and save from now on."""
-        self._enabled = True
+    @property
+    def _context(self) -> Any:  # noqa: ANN401 - of numba
+        return self._kernel.targetctx
 
-    def disable(self) -> None:
-        """Neither load nor save from now on."""
-        self._enabled = False
+    def _read(self, path: str) -> T | None:
+        """Return what a file keeps, None if there is none or it is broken."""
+        try:
+            with open(path, "rb") as file:
+                content = file.read()
+            return self._restored(self._context, *pickle.loads(content))
+        except Exception:  # whatever a torn file makes pickle and LLVM raise
+            return None
 
-    def flush(self) -> None:
-        """Keep all files: a digest names its content, none is out of date."""
-
-    def _file_name(self, sig: Any, codegen: Any) -> str:  # noqa: ANN401 - of numba
-        """Return the name of a signature's machine code for this processor and these versions."""
+    def _file_name(self, types: tuple[Any, ...]) -> str:
+        """Return the name of the file for this processor and these versions."""
         function = self._kernel.py_func
         depends_on = (
             _COMPILER_VERSION,
-            repr(sig),
-            repr(codegen.magic_tuple()),
+            repr(types),
+            repr(self._context.codegen().magic_tuple()),
             numba.__version__,
             str(sys.implementation.cache_tag),
             _described(function.__name__, self._kernel),
         )
         digest = hashlib.sha256("\n".join(depends_on).encode()).hexdigest()
         name = re.sub(r"[^\w.]", "_", f"{function.__module__}.{function.__qualname__}")
-        return f"{name}-{digest[:32]}.kernel"
-
-
-def _loaded(path: str, target_context: Any) -> Any:  # noqa: ANN401 - of numba
-    """Return the compile result in a file, None if there is none or it is broken."""
-    try:
-        with open(path, "rb") as file:
-            content = file.read()
-        return CompileResult._rebuild(target_context, *pickle.loads(content))
-    except Exception:  # whatever a torn file makes pickle and LLVM raise
-        return None
-
-
-_UNUSED: Any = None
-"""`check_cachable` does not look at its cache."""
+        return f"{name}-{digest[:32]}.{self._kind}"
 
 
 def _write(path: str, content: bytes) -> None:

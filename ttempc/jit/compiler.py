@@ -5,15 +5,17 @@ import os
 from collections.abc import Callable
 from typing import Any, Final, ParamSpec, TypeVar
 
-import numba
-from llvmlite.binding import Linkage
 from numba.core import typed_passes, untyped_passes
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase
+from numba.core.compiler import CompilerBase, CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
+from numba.core.event import trigger_event
+from numba.core.registry import CPUDispatcher
+from numba.core.typing.templates import make_concrete_template
 
 from .cache import KernelCache
+from .mode import IS_PLAIN
+from .parts import Part, PartLibrary, kept_machine_code, machine_code, restored_machine_code
 
 # A process that forks or ends while another thread of it compiles waits for that thread: the child
 # would inherit a lock that nobody releases, and machine code is not made in an interpreter that is
@@ -33,38 +35,21 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-class _KernelLibrary(JITCodeLibrary):
-    """Machine code of a kernel whose calls go to the copies of its callees in the same code.
-
-    numba lets the linker choose between this copy and the callee's own code, if the process has
-    that. Both were optimised apart and can differ in the order of their sums (`FAST`): the last
-    bits would depend on which kernels a process compiles and which it loads.
-    """
-
-    def _finalize_final_module(self) -> None:
-        shared: Any = self._final_module
-        own = shared.clone()
-        for function in own.functions:
-            if function.linkage is Linkage.linkonce_odr and not function.is_declaration:
-                function.linkage = Linkage.internal
-        self._final_module = own
-        super()._finalize_final_module()
-        self._final_module = shared  # callers of this kernel link its callees once
-
-
 @register_pass(mutates_CFG=False, analysis_only=True)
-class _MakeLibrary(AnalysisPass):
-    """Give a kernel the library that `NativeLowering` fills."""
+class _MakePart(AnalysisPass):
+    """Give a kernel the library that `NativeLowering` fills; no machine code is made of it yet."""
 
-    _name = "make_library"
+    _name = "make_part"
 
     def __init__(self) -> None:
         super().__init__()
 
     def run_pass(self, state: Any) -> Any:  # noqa: ANN401 - of numba
-        """Make the library; False says that nothing else changes."""
-        state.library = _KernelLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.library.enable_object_caching()
+        """Make the library; False says that the code has not changed."""
+        state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        state.flags.no_cpython_wrapper = True
+        state.flags.no_cfunc_wrapper = True
         return False
 
 
@@ -79,7 +64,7 @@ _PASSES: Final = (
     typed_passes.PreLowerStripPhis,
     typed_passes.IRLegalization,
     typed_passes.AnnotateTypes,
-    _MakeLibrary,
+    _MakePart,
     typed_passes.NativeLowering,
     typed_passes.NoPythonBackend,
 )
@@ -100,6 +85,79 @@ class _Compiler(CompilerBase):
         return [passes]
 
 
+_Dispatcher: Any = CPUDispatcher  # what it has is not typed
+
+
+class Kernel(_Dispatcher):
+    """A compiled function.
+
+    For each signature there is a part, which calling kernels link, and machine code where Python
+    calls it.
+    """
+
+    def __init__(
+        self,
+        py_func: Callable[..., object],
+        locals: dict[str, Any] | None = None,
+        targetoptions: dict[str, Any] | None = None,
+        pipeline_class: type[CompilerBase] = _Compiler,
+    ) -> None:
+        super().__init__(py_func, locals or {}, targetoptions or {}, pipeline_class)
+        self._parts: dict[tuple[Any, ...], tuple[Part, object]] = {}
+        self._kept_parts = KernelCache(self, "part", Part.kept, Part.restored)
+        self._kept_code = KernelCache(self, "code", kept_machine_code, restored_machine_code)
+        self.loaded = 0  # signatures whose machine code was on disk
+
+    @global_compiler_lock
+    def compile(self, sig: Any) -> Any:  # noqa: ANN401 - of numba
+        """Return what Python calls for the types of these arguments."""
+        types = tuple(sig)
+        if types not in self.overloads:
+            self.add_overload(self._machine_code(types))
+        return self.overloads[types].entry_point
+
+    def _machine_code(self, types: tuple[Any, ...]) -> CompileResult:
+        found = self._kept_code.load(types)
+        if found is not None:
+            self.loaded += 1
+            return found
+        with trigger_event("numba:compile", data={"dispatcher": self, "args": types}):
+            part, _ = self._part(types)
+            release_gil = self.targetoptions.get("nogil", False)
+            made = machine_code(part, self.targetctx, release_gil=release_gil)
+        self._kept_code.save(types, made)
+        return made
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:  # noqa: ANN401 - of numba
+        """Return the type of a call by another kernel."""
+        signature, types = self._compiler.fold_argument_types(args, kws)
+        part, _ = self._part(tuple(types))
+        name = self.py_func.__name__
+        template = make_concrete_template(name, key=name, signatures=[part.signature])
+        return template, signature, types, {}
+
+    def get_overload(self, sig: Any) -> object:  # noqa: ANN401 - of numba
+        """Return the name by which numba's context finds what a calling kernel links."""
+        _, name = self._part(tuple(sig))
+        return name
+
+    def _part(self, types: tuple[Any, ...]) -> tuple[Part, object]:
+        """Return the LLVM code for these types of arguments, and its name in numba's context."""
+        if types not in self._parts:
+            part = self._kept_parts.load(types) or self._compiled_part(types)
+            name = object()
+            self.targetctx.insert_user_function(name, part.description, [part.library])
+            self._parts[types] = part, name
+        return self._parts[types]
+
+    def _compiled_part(self, types: tuple[Any, ...]) -> Part:
+        with trigger_event("numba:compile", data={"dispatcher": self, "args": types}):
+            made = self._compiler.compile(types, None)
+            part = Part(made.library, made.signature, made.fndesc, made.environment)
+        self._kept_parts.save(types, part)
+        return part
+
+
 def cached_njit(
     **options: Any,  # noqa: ANN401 - of numba
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -110,10 +168,9 @@ def cached_njit(
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:
-        every: Any = {"no_cfunc_wrapper": True, "pipeline_class": _Compiler} | options
-        kernel: Any = numba.njit(**every)(function)
-        if kernel is not function:
-            kernel._cache = KernelCache(kernel)  # as numba's Dispatcher.enable_caching does
+        if IS_PLAIN:
+            return function
+        kernel: Any = Kernel(function, targetoptions={"nopython": True, **options})
         return kernel
 
     return compiled

@@ -35,19 +35,19 @@ from ttempc.jit import cached_njit
 def caller(x):
     return callee(x) + 100.0
 if __name__ == "__main__":
-    print(caller(np.array([1.0, 2.0])), sum(caller.stats.cache_hits.values()))
+    print(caller(np.array([1.0, 2.0])), caller.loaded)
 """
 
 CALLER_OF_PACKAGE = """
 import numpy as np
 from field.callee import callee
 if __name__ == "__main__":
-    print(callee(np.array([1.0, 2.0])), sum(callee.stats.cache_hits.values()))
+    print(callee(np.array([1.0, 2.0])), callee.loaded)
 """
 
 
 def run_caller(folder, *, full=False, **variables):
-    """Return result, cache hits and lines on stderr of a process that calls the kernel."""
+    """Return result, number of loaded kernels and lines on stderr of a process that calls one."""
 
     def fill_disk():
         if full:
@@ -98,6 +98,19 @@ def test_touched_sources_and_a_new_docstring_compile_nothing(sources):
     assert run_caller(sources, NUMBA_CACHE_DIR=cache) == (101.0, 1, [])
 
 
+def test_machine_code_is_made_only_of_what_python_calls(sources):
+    """Its callee is kept as code that other kernels link, and not compiled again for them."""
+    cache = sources / "cache"
+    run_caller(sources, NUMBA_CACHE_DIR=cache)
+    assert [file.name.partition("-")[0] for file in cache.glob("*.code")] == ["__main__.caller"]
+
+    (sources / "caller.py").write_text(CALLER.replace("100.0", "200.0"))
+    before = {file.name for file in cache.iterdir()}
+    assert run_caller(sources, NUMBA_CACHE_DIR=cache)[:2] == (201.0, 0)
+    new = {file.name for file in cache.iterdir()} - before
+    assert sorted(name.partition("-")[0] for name in new) == ["__main__.caller"] * 2
+
+
 def test_a_broken_file_is_compiled_anew(sources):
     """A file can be empty, hold another pickle than a kernel, or be torn."""
     cache = sources / "cache"
@@ -131,11 +144,11 @@ def test_a_package_carries_its_kernels(sources, package):
 
 def test_a_broken_kernel_of_a_package_is_compiled_and_left_alone(sources, package):
     (sources / "cache").rename(package / "kernels")
-    (carried,) = (package / "kernels").iterdir()
+    (carried,) = (package / "kernels").glob("*.code")
     carried.write_bytes(b"torn")
     assert run_caller(sources, NUMBA_CACHE_DIR=sources / "cache")[:2] == (1.0, 0)
     assert carried.read_bytes() == b"torn"
-    assert [file.name for file in (sources / "cache").iterdir()] == [carried.name]
+    assert [file.name for file in (sources / "cache").glob("*.code")] == [carried.name]
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="the common level is one of x86-64")
@@ -191,7 +204,7 @@ def test_kernels_are_announced_while_a_thread_compiles_the_first_one(caplog):
     compilation.announce()
     compilation.on_end(None)
     compilation.announce()
-    assert [line.message[:18] for line in caplog.records if line.args] == ["compiled 1 kernels"]
+    assert [line.message[:18] for line in caplog.records if line.args] == ["compiled kernels i"]
 
 
 @pytest.mark.parametrize("enabled", [True, False])
