@@ -123,7 +123,7 @@ def _kernel_folder() -> str:
     return folder
 
 
-_COMPILER_VERSION: Final = "3"
+_COMPILER_VERSION: Final = "4"
 """To be raised where `compiler` makes other machine code of the same kernel than before."""
 
 SHIPPED: Final = "kernels"

@@ -13,7 +13,7 @@ from numba.core.event import trigger_event
 from numba.core.registry import CPUDispatcher
 from numba.core.typing.templates import make_concrete_template
 
-from .cache import KernelCache
+from .cache import KernelCache, fingerprint
 from .mode import IS_PLAIN
 from .parts import Part, PartLibrary, kept_machine_code, machine_code, restored_machine_code
 
@@ -45,7 +45,15 @@ class _MakePart(AnalysisPass):
         super().__init__()
 
     def run_pass(self, state: Any) -> Any:  # noqa: ANN401 - of numba
-        """Make the library; False says that the code has not changed."""
+        """Make the library; False says that the code has not changed.
+
+        The kernel is named after what it does. numba counts functions instead: the code of two
+        callers, linked from the disk, would then hold one callee under two names or two under one,
+        and depend on what a process compiled before.
+        """
+        identity = state.func_id
+        identity.unique_id = int(fingerprint(identity.func)[:15], 16)
+        identity.unique_name = f"{identity.func_qualname}${identity.unique_id}"
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
         state.flags.no_cpython_wrapper = True
@@ -153,7 +161,10 @@ class Kernel(_Dispatcher):
     def _compiled_part(self, types: tuple[Any, ...]) -> Part:
         with trigger_event("numba:compile", data={"dispatcher": self, "args": types}):
             made = self._compiler.compile(types, None)
-            part = Part(made.library, made.signature, made.fndesc, made.environment)
+            kept = Part(made.library, made.signature, made.fndesc, made.environment).kept()
+            # Read back, as a later process does: LLVM optimises code that was written and read in
+            # another order of its values.
+            part = Part.restored(self.targetctx, *kept)
         self._kept_parts.save(types, part)
         return part
 

@@ -6,12 +6,27 @@ would run: of 328 kernels of a default run Python calls 19.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
 from llvmlite.binding import Linkage, ModuleRef, parse_bitcode
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompileResult, compile_result
+from numba.core.types import Record
+
+
+def _words_of_record(kind: Any) -> tuple[str, tuple[int]]:  # noqa: ANN401 - of numba
+    """Return what stands for a record in the name of a function that takes one.
+
+    numba numbers types as they come: two processes could give one name to functions of different
+    records, and a caller would link the wrong one.
+    """
+    return "Record", (int(hashlib.sha256(kind.name.encode()).hexdigest()[:15], 16),)
+
+
+_record: Any = Record
+_record.mangling_args = property(_words_of_record)
 
 
 class PartLibrary(JITCodeLibrary):
@@ -75,7 +90,7 @@ class Part:
     environment: Any
     """numba's constants of the function, which are Python objects."""
 
-    def kept(self) -> tuple[object, ...]:
+    def kept(self) -> tuple[Any, ...]:
         """Return what a file keeps."""
         self.description.typemap = self.description.calltypes = None  # some cannot be pickled
         library = self.library
@@ -116,7 +131,7 @@ def machine_code(
     return _callable(target_context, library, part.signature, part.description, part.environment)
 
 
-def kept_machine_code(compiled: CompileResult) -> tuple[object, ...]:
+def kept_machine_code(compiled: CompileResult) -> tuple[Any, ...]:
     """Return what a file keeps of machine code."""
     library = compiled.library
     return (

@@ -67,7 +67,7 @@ def test_plain_steps_and_plain_kernels_move_a_plant_as_compiled_ones_do(name, tm
     assert len(compiled) == TICKS * STOPS
 
     steps, kernels, by_mujoco = drive(name, settled, TTEMPC_PLAIN="1")
-    assert (steps, kernels) == ("PlainSteps", "CPUDispatcher")
+    assert (steps, kernels) == ("PlainSteps", "Kernel")
     np.testing.assert_allclose(by_mujoco, compiled, rtol=1e-9, atol=1e-9)
 
     steps, kernels, in_python = drive(name, settled, NUMBA_DISABLE_JIT="1")

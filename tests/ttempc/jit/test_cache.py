@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
 import platform
 import resource
 import subprocess
@@ -109,6 +110,23 @@ def test_machine_code_is_made_only_of_what_python_calls(sources):
     assert run_caller(sources, NUMBA_CACHE_DIR=cache)[:2] == (201.0, 0)
     new = {file.name for file in cache.iterdir()} - before
     assert sorted(name.partition("-")[0] for name in new) == ["__main__.caller"] * 2
+
+
+def test_code_does_not_depend_on_what_was_compiled_before(sources):
+    """A caller that links a callee from the disk gets the code of one that compiles both."""
+    cache = sources / "cache"
+
+    def code_of_caller():
+        run_caller(sources, NUMBA_CACHE_DIR=cache)
+        (file,) = cache.glob("__main__.caller-*.code")
+        _, code, *_ = pickle.loads(file.read_bytes())
+        return code
+
+    both = code_of_caller()
+    for file in cache.glob("__main__.caller-*"):
+        file.unlink()
+    assert [file.suffix for file in cache.iterdir()] == [".part"]
+    assert code_of_caller() == both
 
 
 def test_a_broken_file_is_compiled_anew(sources):
