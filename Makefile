@@ -7,6 +7,9 @@ BIN    := $(VENV)/bin
 run: $(VENV)/.run          ## drive the default scenario to its end
 	$(BIN)/ttempc run grass
 
+# The suite starts hundreds of processes: each would compile all modules where the environment forbids to keep byte code.
+test: export PYTHONDONTWRITEBYTECODE =
+test: export PYTHONPYCACHEPREFIX = $(CURDIR)/$(VENV)/bytecode
 test: $(VENV)/.dev         ## the whole suite, a process per core; kernels are compiled once before
 	folder=$$(mktemp -d) && $(BIN)/ttempc run grass --json --set path.kind=straight -o $$folder/run \
 		--set path.length_m=12 >$$folder/summary.json; rm -r $$folder
