@@ -14,7 +14,7 @@ CORE = ("numpy", "scipy", "numba", "mujoco", "piqp")
 
 
 def requirements() -> dict[str, str]:
-    """Return the bounds of every library of the core, as `numpy>=2.0,<3`."""
+    """Return the bounds of every library of the core, as `numpy>=2.4,<3`."""
     found = {}
     for file in ("ttempc/pyproject.toml", "pyproject.toml"):
         for line in tomllib.loads((ROOT / file).read_text())["project"]["dependencies"]:
@@ -25,7 +25,7 @@ def requirements() -> dict[str, str]:
 
 
 def lowest(requirement: str) -> str:
-    """Return the lowest minor release that a requirement allows, as `numpy==2.0.*`."""
+    """Return the lowest minor release that a requirement allows, as `numpy==2.4.*`."""
     name, version = re.match(r"([\w-]+)>=([\d.]+)", requirement).groups()  # type: ignore[union-attr]
     minor = ".".join(version.split(".")[:2])
     return f"{name}=={minor}.*"
