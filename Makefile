@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 run: $(VENV)/.run          ## drive the default scenario to its end
 	$(BIN)/ttempc run grass
 
-# The suite starts hundreds of processes: each would compile all modules where the environment forbids to keep byte code.
+# The suite starts hundreds of processes: each would compile all modules where the environment forbids keeping byte code.
 test: export PYTHONDONTWRITEBYTECODE =
 test: export PYTHONPYCACHEPREFIX = $(CURDIR)/$(VENV)/bytecode
 test: $(VENV)/.dev         ## the whole suite, a process per core; kernels are compiled once before

@@ -145,17 +145,17 @@ class Kernel(_Dispatcher):
         return template, signature, types, {}
 
     def get_overload(self, sig: Any) -> object:  # noqa: ANN401 - of numba
-        """Return the name by which numba's context finds what a calling kernel links."""
-        _, name = self._part(tuple(sig))
-        return name
+        """Return the key by which numba's context finds what a calling kernel links."""
+        _, key = self._part(tuple(sig))
+        return key
 
     def _part(self, types: tuple[Any, ...]) -> tuple[Part, object]:
-        """Return the LLVM code for these types of arguments, and its name in numba's context."""
+        """Return the LLVM code for these types of arguments, and its key in numba's context."""
         if types not in self._parts:
             part = self._kept_parts.load(types) or self._compiled_part(types)
-            name = object()
-            self.targetctx.insert_user_function(name, part.description, [part.library])
-            self._parts[types] = part, name
+            key = object()
+            self.targetctx.insert_user_function(key, part.description, [part.library])
+            self._parts[types] = part, key
         return self._parts[types]
 
     def _compiled_part(self, types: tuple[Any, ...]) -> Part:

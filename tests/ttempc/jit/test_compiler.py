@@ -2,6 +2,8 @@
 
 import platform
 import struct
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -47,6 +49,28 @@ def functions(code):
                 end = code.index(b"\0", names + name)
                 found[code[names + name : end].decode()] = info // 16
     return found
+
+
+_WORDS = """
+import sys
+import numpy as np
+from numba import from_dtype
+import ttempc.jit
+for name in sys.argv[1]:
+    words = from_dtype(np.dtype([(name, "f8")])).mangling_args
+print(words)
+"""
+
+
+def test_names_of_functions_tell_records_apart_whatever_a_process_has_met():
+    """numba's own names have the place of a record among the types that the process has met."""
+
+    def words(names):
+        command = [sys.executable, "-c", _WORDS, names]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+    assert words("x") == words("yx")
+    assert words("x") != words("y")
 
 
 @pytest.mark.skipif(platform.system() != "Linux", reason="object files have another format")
