@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ...testbed.geodesy import DEFAULT_FRAME, MapFrame
 from ...testbed.ground.grid import Grid
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
+from ...testbed.implement.implement import Implement
 from ...testbed.implement.mounted import check_pull
 from ...testbed.randomness import generator
 from ...testbed.recording.channels import CORRIDOR, LINE
@@ -35,6 +36,7 @@ from ...testbed.simulation.loop import STAGES, with_stages
 from ...testbed.simulation.plant import Plant, Snapshot
 from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.simulation.termination import TerminationLimits
+from ...testbed.vehicle.vehicle import GRAVITY, AxleLoads, PlantVehicle
 from ..errors import InvalidScenario
 from ..scenario.controller import TRUTH
 from ..scenario.mismatch import actuator_mismatch, sensor_mismatch
@@ -52,9 +54,9 @@ if TYPE_CHECKING:
     from ...testbed.messages.scenery import Scenery
 
 
-# Where a trailer turns between its axle (0) and the tool (1) behind it, which any plant decides:
-# of 1/4, 1/3, 0.4 and 1/2 that of least error at the tool on 20 laps of `cultivate`
-_TURNING = 0.4
+# Share of the side stiffness of tyres, which is that of slips of 0.01 rad, that is left where a
+# trailer turns about a place behind its axle, with several times that slip; assumed
+_STIFFNESS_LEFT: Final = 0.5
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
 _BLOCK = 4096  # rows of the reference at a time: a sample takes twice the memory of a row
 EDGE_M = 4.0  # from path to edge of the field: vehicle, antenna and a metre of error
@@ -327,9 +329,28 @@ def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> V
     tool = scenario.implement
     if tool is None:
         return replace(model, reverse=mission.reverse)
-    b = tool.behind_m
-    offset = _TURNING * b  # until it is learnt
-    return replace(model, reverse=mission.reverse, trailer_turning_offset=offset, tool_behind=b)
+    offset = _turning_offset(tool, vehicles.nominal, model)  # until it is learnt
+    return replace(
+        model,
+        reverse=mission.reverse,
+        trailer_turning_offset=offset,
+        tool_behind=tool.behind_m,
+    )
+
+
+def _turning_offset(tool: Implement, nominal: PlantVehicle, model: Vehicle) -> float:
+    """Return the distance behind the axle of the place about which a trailer with a tool turns [m].
+
+    A turn about a place c behind the axle moves the tyres across the trailer in proportion to c and
+    the tool, b behind them, the other way in proportion to b - c. Their side forces, of stiffnesses
+    K_a and K_b [N/rad], are in balance for c = b K_b / (K_a + K_b). K_a is the mass on the axle
+    over the cornering compliance of the model.
+    """
+    if model.compliance_i == 0.0:
+        return 0.0  # tyres that do not slip
+    of_tyres = AxleLoads.of(nominal).trailer / GRAVITY / model.compliance_i
+    of_tool = math.degrees(tool.side_stiffness_n_per_deg_m2) * tool.width_m * tool.depth_m
+    return tool.behind_m * of_tool / (of_tool + _STIFFNESS_LEFT * of_tyres)
 
 
 def _guidance(

@@ -190,7 +190,8 @@ class ParameterMismatch:
 class Vehicles:
     """Plant and model of one vehicle file; the model's load is always the file's."""
 
-    plant: PlantVehicle
+    nominal: PlantVehicle  # as its file says
+    plant: PlantVehicle  # with what the scenario changes
     model: Vehicle
     plant_values: Mapping[str, float]  # by the keys of `PARAMETERS`
     model_values: Mapping[str, float]
@@ -233,7 +234,7 @@ def read_vehicles(plant: PlantVehicleSettings, model: ModelVehicleSettings) -> V
         dead_time_hp=model.hydrostat_dead_time_s,
         reverse=False,
     )
-    return Vehicles(vehicle, model_vehicle, _values(vehicle), values)
+    return Vehicles(nominal, vehicle, model_vehicle, _values(vehicle), values)
 
 
 def fill_in(

@@ -209,6 +209,8 @@ class ProcessNoise:
         without a tool track worse with them. `side_walk` is a compromise of these curves with
         passes of 80 and 200 m at 1.4, 2.8 and 4.2 m/s, on level ground and slopes (seeds 11 to 13):
         the value of the curves alone, 0.0036, has errors larger by 9 to 20 % on the passes.
+        `body_fading_m`, of 10 to 120 m on the same drives: what a turn with raised tool leaves in
+        the side slips is soon gone where the tool works.
         """
         if not vehicle.tool_behind:
             return cls()
@@ -220,6 +222,7 @@ class ProcessNoise:
             slip_lateral=0.0112,
             yaw_t=0.007,
             side_per_slope=0.17,
+            body_fading_m=30.0,
         )
 
     @property

@@ -240,7 +240,8 @@ class LengthIdentifier:
         if not rejected:  # the turning offset that fits with the given lengths
             covariance = fit.covariance
             by_lengths = np.linalg.solve(covariance[:_N, :_N], (given - lengths)[:_N])
-            lengths = np.append(given[:_N], (lengths + covariance[:, :_N] @ by_lengths)[_N:])
+            turning = (lengths + covariance[:, :_N] @ by_lengths)[_N:]
+            lengths = np.append(given[:_N], np.clip(turning, 0.0, _sizes(self._given)[_N:]))
 
         change = lengths - present
         turning_changed = bool((np.abs(change[_N:]) > _TURNING_CHANGE_M).any())
@@ -290,7 +291,9 @@ def fit_lengths(
 ) -> LengthFit | None:
     """Return the lengths of largest posterior density; None where the search finds none.
 
-    The window must contain every sensor and 15 s of driving.
+    The window must contain every sensor and 15 s of driving. A length at the end of its range is
+    none: the data then ask for something that no length describes. In the first curve at working
+    speed that is a slip of the tyres which is not learnt yet.
 
     Gauss-Newton on the whitened innovations r(theta) of the filter,
 
@@ -318,8 +321,8 @@ def fit_lengths(
 
     def rejection(lengths: FloatArray, covariance: FloatArray, roughness: float) -> float:
         offset = (lengths - mean)[:_N]
-        spread = covariance[:_N, :_N]
-        return float(offset @ np.linalg.solve(spread + _tolerance(mean[:_N], roughness), offset))
+        spread = covariance[:_N, :_N] + _tolerance(given, data.squared_speed, roughness)
+        return float(offset @ np.linalg.solve(spread, offset))
 
     def evaluate(lengths: FloatArray) -> tuple[float, FloatArray, FloatArray, float]:
         cost, normal, gradients, roughness = data.run(_with_lengths(vehicle, lengths))
@@ -336,6 +339,8 @@ def fit_lengths(
         is_given = (lengths == mean).all()
         is_right = is_given and rejection(trial, covariance, 1.0) < 0.5 * _REJECTED
         if is_right or step @ normal @ step < _CONVERGED_SD**2:
+            if ((trial <= least) | (trial >= most))[:_N].any():
+                return None
             return LengthFit(trial, covariance, rejection(trial, covariance, roughness))
         result = evaluate(trial)
         while result[0] > cost and step @ normal @ step >= _CONVERGED_SD**2:
@@ -354,6 +359,7 @@ class _Replay:
     first: Mapping[Sensor, Measurement]  # of every sensor, before the events
     events: FloatArray
     counts: FloatArray  # (sensors,) number of samples of which one of the events is the mean
+    squared_speed: float  # mean square of the wheel speed [m^2/s^2]
     noise: SensorNoise
     process: ProcessNoise
 
@@ -391,7 +397,10 @@ class _Replay:
         if not len(rest) or end_s - rest[0, SampleColumn.TIME_S] < _LEAST_S:
             return None
         events = _events(rest, ticks, begin_s, vehicle.dead_times)
-        return cls({reading.sensor: reading for reading in first}, events, counts, noise, process)
+        wheels = rest[rest[:, SampleColumn.SENSOR] == ROW_OF[Sensor.ENCODER].index]
+        squared_speed = float(np.square(wheels[:, SampleColumn.FIRST]).mean()) if len(wheels) else 0.0
+        start = {reading.sensor: reading for reading in first}
+        return cls(start, events, counts, squared_speed, noise, process)
 
     def run(self, vehicle: Vehicle) -> tuple[float, FloatArray, FloatArray, float]:
         """Return cost, J' J and the blocks of J' r by the lengths of `vehicle`, and the roughness.
@@ -469,17 +478,22 @@ def _covariance(normal: FloatArray, gradients: FloatArray) -> FloatArray:
     return inverse + deviation.T @ deviation
 
 
-def _tolerance(lengths: FloatArray, roughness: float) -> FloatArray:
+def _tolerance(given: Vehicle, squared_speed: float, roughness: float) -> FloatArray:
     """Return T (4, 4) [m^2], the covariance of the error of the fit by effects outside the model.
 
-    1 % of each length for the geometry. For side slip, 3 % of each length times the root of the
-    roughness factor that the filter has learnt (at least 1), but for the sum of hitch offset,
-    drawbar and trailer: the distance of both receivers shows it, whatever the tyres do.
+    1 % of each length for the geometry. For side slip on rough ground, 3 % of each length times the
+    root of the roughness factor that the filter has learnt (at least 1). For the side slip c a of
+    the curves themselves c v^2, by which a length L appears changed where slips are small: in a
+    curve of radius R its angle is L / R, and a = v^2 / R. Slips do not change the sum of hitch
+    offset, drawbar and trailer: the distance of both receivers shows it, whatever the tyres do.
     """
-    keep_sum = np.eye(len(lengths))
+    lengths = _lengths(given)[:_N]
+    by_curve = np.full(_N, given.compliance_i * squared_speed)
+    by_curve[0] = given.compliance_t * squared_speed
+    keep_sum = np.eye(_N)
     keep_sum[1:, 1:] -= 1.0 / 3.0
-    slip = keep_sum @ np.diag((_SLIP * lengths) ** 2) @ keep_sum.T
-    return np.diag((_GEOMETRY * lengths) ** 2) + max(1.0, roughness) * slip
+    variances = max(1.0, roughness) * (_SLIP * lengths) ** 2 + by_curve**2
+    return np.diag((_GEOMETRY * lengths) ** 2) + keep_sum @ np.diag(variances) @ keep_sum.T
 
 
 def likely_lengths(

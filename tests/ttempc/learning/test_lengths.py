@@ -63,6 +63,20 @@ def test_right_lengths_stay_and_wrong_ones_go(window):
     assert again.changes == ()  # the same data ask for no further change
 
 
+def test_a_length_at_the_end_of_its_range_is_none(window):
+    given = scaled(2.0, 1.0, 1.0, 1.0)  # the true wheelbase is less than 0.65 of it
+    assert fit_lengths(window, given, given, NOISE, PROCESS) is None
+    assert LengthIdentifier(given, NOISE).identify(window, given).vehicle == given
+
+
+def test_lengths_that_slips_of_curves_could_feign_stay(window):
+    given = scaled(1.15, 1.0, 1.0, 1.0)
+    stiff = replace(given, compliance_t=0.0, compliance_i=0.0)
+    assert LengthIdentifier(stiff, NOISE).identify(window, stiff).vehicle != stiff
+    soft = replace(given, compliance_t=0.1, compliance_i=0.1)  # 0.1 m of lengths at 1 m/s
+    assert LengthIdentifier(soft, NOISE).identify(window, soft).vehicle == soft
+
+
 def test_on_a_straight_only_the_sum_behind_the_rear_axle_is_seen(window):
     straight = window[:86]  # the first circle begins at 17 s or later
     given = scaled(1.0, 1.1, 1.1, 1.1)

@@ -1,0 +1,40 @@
+"""What an assembly tells the guidance of the vehicle."""
+
+import math
+
+import pytest
+
+from proving_ground.experiments.run.assembly import model_vehicle
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.testbed.vehicle.vehicle import GRAVITY, AxleLoads
+
+
+def turning_offset(*overrides):
+    _, scenario = load("work-passes", overrides)
+    vehicles = scenario.vehicles()
+    return model_vehicle(scenario.mission(), scenario, vehicles).trailer_turning_offset
+
+
+def test_forces_of_tyres_and_tool_are_in_balance_about_the_turning_place():
+    _, scenario = load("work-passes")
+    vehicles = scenario.vehicles()
+    tool = scenario.implement
+    behind = turning_offset()
+    mass = AxleLoads.of(vehicles.nominal).trailer / GRAVITY
+    of_tyres = 0.5 * mass * behind / vehicles.model.compliance_i
+    per_degree = tool.side_stiffness_n_per_deg_m2 * tool.width_m * tool.depth_m
+    of_tool = math.degrees(per_degree * (tool.behind_m - behind))
+    assert of_tyres == pytest.approx(of_tool)
+
+
+def test_a_trailer_turns_nearer_to_the_stiffer_of_tool_and_tyres():
+    assert turning_offset("implement.side_stiffness_n_per_deg_m2=0") == 0.0
+    assert turning_offset("controller.vehicle.trailer_compliance_s2pm=0") == 0.0
+    wide, narrow = (turning_offset(f"implement.width_m={width}") for width in (2.0, 1.0))
+    assert 0.0 < narrow < wide < 0.6
+    assert turning_offset("controller.vehicle.trailer_compliance_s2pm=0.1") > wide
+
+
+def test_a_plant_that_differs_from_its_file_is_not_told():
+    heavier = turning_offset("plant.vehicle.load_kg=500")
+    assert heavier == turning_offset()
