@@ -50,7 +50,9 @@ They are for one false alarm an hour over all fields, by
 make them two to three times what the other fields need."""
 LIMITS_WITHOUT_SLOPE: Final = (17.4, 20.9, 21.3, 20.1, 18.7)
 """The same without an IMU, by the same command."""
-_CONFIRMED: Final = 1.5  # times the limits where velocities of GNSS confirm the positions; assumed
+# Times the first limits where velocities of GNSS confirm the positions: with 1.5 a healthy vehicle
+# slowed down once an hour, for a drift that both measurements of a receiver would have to share
+_CONFIRMED: Final = 2.5
 
 _RESTLESS_S: Final = 60.0  # of the mean ratio of the shortest windows
 _FIRST_RESTLESS_S: Final = 15.0  # weight of what is assumed of it at first
