@@ -11,6 +11,7 @@ import math
 from typing import Final
 
 from ..mpc.articulated_error import PredictedPath, remaining_bounds
+from ..mpc.condensing import FreeInputs, FreeSteps
 from ..mpc.lmpc import CondensedHorizon, OutputBounds, move_bounds
 from ..reference.reference import ConstantSpeed, Reference, guided
 from ..tube.reference_tube import GrowingTube, TubeDesign
@@ -82,16 +83,20 @@ def articulated_controller(
         **fields,
     )
 
-    remaining = remaining_bounds(model.feedforward, course.limits)
+    if tube:  # which tightens single periods
+        free = FreeInputs(FreeSteps.single(options.moves), tube.bounds)
+    else:
+        steps = options.free_steps(period_s)
+        remaining = remaining_bounds(model.feedforward, course.limits)
+        bounds = move_bounds(options, period_s, len(model.a), remaining, steps)
+        free = FreeInputs(steps, bounds)
     horizon = CondensedHorizon(
         model.changing_a,
         model.changing_b,
         options,
         period_s,
         outputs=model.c,
-        free_bounds=tube.bounds
-        if tube
-        else move_bounds(options, period_s, len(model.a), remaining),
+        free=free,
         soft=soft_bounds(model, options, tube),
         damped=DampedApproach(options.damping_s).outputs(model),
         weight_factors=weight_factors(course.reference, len(model.c), period_s),

@@ -7,6 +7,7 @@ from typing import ClassVar, Final, Self
 import numpy as np
 
 from ..errors import check_choice, check_flag, check_positive, check_vector
+from ..mpc.condensing import FreeSteps
 from ..mpc.lmpc import HorizonTuning
 from ..reference.corridor import SpeedTube
 from ..reference.reference import GUIDED, Guided
@@ -17,9 +18,9 @@ from ..vehicle import Vehicle
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
 _WEIGHTS_MPS: Final = 1.0  # speed for which they are given, the paper's
 ROUNDING: Final = 1e-9
-# Of the trailer's step weight with a tool, which a turn of the trailer moves across at once. Of 1, 4,
-# 6 and 9, and of these times the speed, that of least error at the tool on passes at 1.4, 2.8 and
-# 4.2 m/s and in curves (seeds 21 to 23); with 1 tool and steering swing over waves of 4 to 7 m
+# Of the trailer's step weight with a tool, which a turn of the trailer moves across at once. Of 1,
+# 4, 6 and 9, and of these times the speed, that of least error at the tool on passes at 1.4, 2.8
+# and 4.2 m/s and in curves (seeds 21 to 23); with 1 it swings over waves of 4 to 7 m
 _TOOL_FACTOR: Final = 6.0
 _PUSHING_FACTOR: Final = 6.0  # 4 and 10 give the same errors over 30 m, 1 lets the trailer swing
 
@@ -121,6 +122,15 @@ class MpcOptions(HorizonTuning):
             moves=math.ceil(steps * self.moves - ROUNDING),
             step_weight=(of_front * front, of_trailer * trailer, float(drive**2) * hp),
         )
+
+    def free_steps(self, period_s: float) -> FreeSteps:
+        """Return the free steps of options for a period, see `for_vehicle`: every 0.2 s one.
+
+        The first is that of one period, which is the command; at shorter periods the others stand
+        for several, so that the QP has the unknowns of 5 Hz at any rate.
+        """
+        periods = max(1.0, _PERIOD_S / period_s)
+        return FreeSteps.blocks(math.ceil(self.moves / periods - ROUNDING), periods)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 
 from ..mpc.articulated_error import Output, PredictedPath
+from ..mpc.condensing import FreeInputs, FreeSteps
 from ..mpc.lmpc import CondensedHorizon, move_bounds
 from ..reference.reference import Reference
 from ..tube.reference_tube import ReferenceTube, TubeDesign, report_rows
@@ -40,7 +41,8 @@ def tube_controller(
     course = ExactCourse(reference, period_s, options.horizon)
     along = ReferenceTube.along(design, reference, len(course.feedforward))
     bounds = move_bounds(options, period_s, len(along.a), along.bounds)
-    horizon = CondensedHorizon(along.a, along.b, options, period_s, along.c, bounds)
+    free = FreeInputs(FreeSteps.single(options.moves), bounds)
+    horizon = CondensedHorizon(along.a, along.b, options, period_s, along.c, free)
     tube = along.tube
     rows = report_rows(tube.system.c)  # (T, 9, 7)
     gains = tube.system.gains  # (T, 3, 7)

@@ -398,7 +398,8 @@ class _Replay:
             return None
         events = _events(rest, ticks, begin_s, vehicle.dead_times)
         wheels = rest[rest[:, SampleColumn.SENSOR] == ROW_OF[Sensor.ENCODER].index]
-        squared_speed = float(np.square(wheels[:, SampleColumn.FIRST]).mean()) if len(wheels) else 0.0
+        speeds = wheels[:, SampleColumn.FIRST]
+        squared_speed = float(np.square(speeds).mean()) if len(speeds) else 0.0
         start = {reading.sensor: reading for reading in first}
         return cls(start, events, counts, squared_speed, noise, process)
 

@@ -59,6 +59,37 @@ class StageBounds(NamedTuple):
         return np.minimum(np.maximum(previous, lower - step_upper), upper - step_lower)
 
 
+class FreeSteps(NamedTuple):
+    """Free input steps of a horizon; the input is held between them and afterwards."""
+
+    stages: NDArray[np.int64]  # of each step, the first 0 (Nc,)
+    periods: FloatArray  # for which each step stands, a ramp drawn as one step (Nc,)
+
+    @classmethod
+    def single(cls, count: int) -> FreeSteps:
+        """Return a step at each of the first stages."""
+        return cls(np.arange(count), np.ones(count))
+
+    @classmethod
+    def blocks(cls, count: int, periods: float) -> FreeSteps:
+        """Return a step of one period, then steps that stand for as many periods each.
+
+        A step is in the middle of the ramp for which it stands: with blocks of one period, the
+        steps are `single` ones.
+        """
+        middles = np.ceil(periods * (np.arange(1, count) - 0.5)).astype(np.int64)
+        spans = np.full(count, float(periods))
+        spans[0] = 1.0
+        return cls(np.concatenate([np.zeros(1, np.int64), middles]), spans)
+
+
+class FreeInputs(NamedTuple):
+    """Free steps of a horizon, and the bounds on their stages at every tick."""
+
+    steps: FreeSteps
+    bounds: StageBounds  # (ticks, m Nc)
+
+
 class Stages(NamedTuple):
     """Arrays of a `CondensedHorizon` along a reference of N stages."""
 
@@ -66,9 +97,10 @@ class Stages(NamedTuple):
     b: FloatArray  # the same rows of B, (N, r, m)
     outputs: FloatArray  # C (N + 1, p, r)
     bounds: StageBounds  # of the free stages of every tick, (ticks, m Nc)
+    columns: NDArray[np.int64]  # number of unknowns up to each stage (Np,)
     matrix: FloatArray  # from the steps to the inputs after the first one, (m Nc - m, m Nc)
     output_weight: FloatArray  # diagonal of Q of every tick (N + 1, p)
-    step_weight: FloatArray  # diagonal of R (m,)
+    step_weight: FloatArray  # diagonal of R of every step (m Nc,)
     soft_rows: FloatArray  # S (N + 1, s, r) of the soft bounds; (0, 0, r) without them
     soft_lower: FloatArray  # (N + 1, s)
     soft_upper: FloatArray  # (N + 1, s)
@@ -110,13 +142,13 @@ class Work(NamedTuple):
 def write_response(k: int, stages: Stages, response: FloatArray) -> None:
     """Write the response (Np, r, m Nc) of z_{k+1} ... z_{k+Np} to the steps.
 
-    Column i is that to a step of the input i mod m at stage i / m, which lasts.
+    Column i is that to a step of the input i mod m at the stage of step i / m, which lasts.
     """
     horizon, r, size = response.shape
-    m = stages.step_weight.size
+    m = stages.b.shape[2]
     for j in range(horizon):
-        earlier = min(m * j, size)  # columns of the steps before stage j
-        now = min(m * (j + 1), size)  # and of those up to it
+        earlier = stages.columns[j - 1] if j > 0 else 0  # columns of the steps before stage j
+        now = stages.columns[j]  # and of those up to it
         for i in range(r):
             for column in range(now):
                 response[j, i, column] = stages.b[k + j, i, column % m]
@@ -136,14 +168,13 @@ def write_hessian(k: int, stages: Stages, outputs: FloatArray, work: Work) -> No
     response = work.response
     hessian = work.hessian
     horizon, r, size = response.shape
-    m = stages.step_weight.size
     row = np.empty(size)  # of G_j
 
     for a in range(size):
         for b in range(a + 1):
             hessian[a, b] = 0.0
     for j in range(horizon):
-        now = min(m * (j + 1), size)
+        now = stages.columns[j]
         for p in range(stages.output_weight.shape[1]):
             weight = stages.output_weight[k + j + 1, p]
             if weight == 0.0:
@@ -161,7 +192,7 @@ def write_hessian(k: int, stages: Stages, outputs: FloatArray, work: Work) -> No
                 for b in range(a + 1):
                     hessian[a, b] += weighted * row[b]
     for a in range(size):
-        hessian[a, a] += 2.0 * stages.step_weight[a % m]
+        hessian[a, a] += 2.0 * stages.step_weight[a]
         for b in range(a):
             hessian[b, a] = hessian[a, b]
 
@@ -217,8 +248,8 @@ def predict_free(k: int, stages: Stages, work: Work) -> None:
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
 def write_gradient(k: int, stages: Stages, outputs: FloatArray, work: Work) -> None:
     """Write the gradient at Delta U = 0 by the adjoint of the model, from the last stage back."""
-    horizon, r, size = work.response.shape
-    m = stages.step_weight.size
+    horizon, r, _ = work.response.shape
+    m = stages.b.shape[2]
     slope = np.zeros(r)  # of the cost of all later stages by the state
     ahead = np.empty(r)
     lasting = np.zeros(m)  # of the cost by an input that lasts from a stage on
@@ -244,9 +275,9 @@ def write_gradient(k: int, stages: Stages, outputs: FloatArray, work: Work) -> N
                 slope[c] += stages.a[k + j, i, c] * ahead[i]
             for c in range(m):
                 lasting[c] += stages.b[k + j, i, c] * ahead[i]
-        if m * j < size:
-            for c in range(m):
-                work.gradient[m * j + c] = lasting[c]
+        first = stages.columns[j - 1] if j > 0 else 0
+        for c in range(stages.columns[j] - first):  # of the step at this stage, if any
+            work.gradient[first + c] = lasting[c]
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)

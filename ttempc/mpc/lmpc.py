@@ -12,6 +12,8 @@ from ..errors import InvalidTuning, check_choice, check_count, check_vector
 from ..models.kinematics import Error
 from ..types import FloatArray, Immutable, Input, SolverReport
 from .condensing import (
+    FreeInputs,
+    FreeSteps,
     StageBounds,
     Stages,
     Work,
@@ -106,7 +108,7 @@ class CondensedHorizon(Immutable):
 
         z_{k+j+1} = A_{k+j} z_{k+j} + B_{k+j} u_{k+j},    u_{k+j} = u_{k+j-1} + Delta u_{k+j},
 
-    without a step after the last free one. The cost of eq. (costfunction), sum y'Qy +
+    without a step at stages that have no free one. The cost of eq. (costfunction), sum y'Qy +
     sum Delta u' R Delta u with y_k = C_k z_k, is then quadratic in the steps. Bounds hold for the
     stages with a free step. All ticks are checked at once; the matrices of a tick are computed when
     it comes (`condense`).
@@ -116,8 +118,9 @@ class CondensedHorizon(Immutable):
             rows of both are enough.
         outputs: C (N + 1, p, n), of the entries up to the r-th; without them, the outputs are the
             states.
-        free_bounds: on the free stages of every tick, (ticks, m Nc) each, see `move_bounds`;
-            without them those of the tuning.
+        free: the free steps and their bounds, see `move_bounds`; without them a step at each of the
+            first stages, with the bounds of the tuning. A step that stands for several periods
+            weighs as the ramp of as many steps.
         damped: what the cost weighs instead of the outputs (N + 1, p, n) while the vehicle acquires
             its line: from an error of `ACQUISITION_BEGINS_M` on until both it and the output are
             within `ACQUISITION_ENDS_M`.
@@ -135,7 +138,7 @@ class CondensedHorizon(Immutable):
         tuning: HorizonTuning,
         period_s: float,
         outputs: FloatArray | None = None,
-        free_bounds: StageBounds | None = None,
+        free: FreeInputs | None = None,
         soft: OutputBounds | None = None,
         damped: FloatArray | None = None,
         weight_factors: FloatArray | None = None,
@@ -148,8 +151,12 @@ class CondensedHorizon(Immutable):
         _check_sizes(self.ticks, len(a), outputs.shape[1], b.shape[2], tuning)
 
         r = _changing_entries(a, b)
-        sums = np.kron(np.tril(np.ones((tuning.moves, tuning.moves))), np.eye(b.shape[2]))
-        bounds = free_bounds or move_bounds(tuning, period_s, len(a))
+        m = b.shape[2]
+        if free is None:
+            bounds = move_bounds(tuning, period_s, len(a))
+            free = FreeInputs(FreeSteps.single(tuning.moves), bounds)
+        first = free.steps.stages
+        sums = np.kron(np.tril(np.ones((len(first), len(first)))), np.eye(m))
         soft = soft or OutputBounds.none(a.shape[2])
         if damped is None:
             damped = np.zeros((0, *outputs.shape[1:]))
@@ -160,10 +167,11 @@ class CondensedHorizon(Immutable):
             a=np.ascontiguousarray(a[:, :r]),
             b=np.ascontiguousarray(b[:, :r]),
             outputs=np.ascontiguousarray(outputs[..., :r]),
-            bounds=StageBounds(*map(np.ascontiguousarray, bounds)),
-            matrix=sums[b.shape[2] :].astype(np.float64),
+            bounds=StageBounds(*map(np.ascontiguousarray, free.bounds)),
+            columns=m * np.searchsorted(first, np.arange(self.horizon), side="right"),
+            matrix=sums[m:].astype(np.float64),
             output_weight=weights,
-            step_weight=np.array(tuning.step_weight),
+            step_weight=np.outer(1.0 / free.steps.periods, tuning.step_weight).ravel(),
             soft_rows=np.ascontiguousarray(soft.rows[..., :r]),
             soft_lower=soft.lower,
             soft_upper=soft.upper,
@@ -184,7 +192,7 @@ class CondensedHorizon(Immutable):
         stages = self.stages
         rows, size = stages.matrix.shape
         _, r, n = stages.a.shape
-        m = len(stages.step_weight)
+        m = stages.b.shape[2]
         return Work(
             tick=np.full(1, -1.0),
             condensed_acquiring=np.zeros(1),
@@ -256,16 +264,25 @@ def _changing_entries(a: FloatArray, b: FloatArray) -> int:
 
 
 def move_bounds(
-    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None = None
+    tuning: HorizonTuning,
+    period_s: float,
+    stages: int,
+    bounds: StageBounds | None = None,
+    steps: FreeSteps | None = None,
 ) -> StageBounds:
     """Return the bounds on the free stages of every tick, concatenated, (ticks, m Nc).
 
-    They are those of the tuning, intersected with `bounds` (`stages`, m) if given.
+    They are those of the tuning, intersected with `bounds` (`stages`, m) if given; a step for
+    several periods has their sum. Without `steps`, the first stages are free.
     """
+    steps = steps or FreeSteps.single(tuning.moves)
     ticks = stages - tuning.horizon + 1
-    free = np.arange(ticks)[:, None] + np.arange(tuning.moves)  # (ticks, Nc)
+    free = np.arange(ticks)[:, None] + steps.stages  # (ticks, Nc)
     of_stages = stage_bounds(tuning, period_s, stages, bounds)
-    return StageBounds(*(values[free].reshape(ticks, -1) for values in of_stages))
+    lower, upper, step_lower, step_upper = (values[free] for values in of_stages)
+    periods = steps.periods[:, None]
+    of_steps = (lower, upper, step_lower * periods, step_upper * periods)
+    return StageBounds(*(values.reshape(ticks, -1) for values in of_steps))
 
 
 def stage_bounds(

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-
 from proving_ground.experiments.run.assembly import model_vehicle
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.vehicle.vehicle import GRAVITY, AxleLoads

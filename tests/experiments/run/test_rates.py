@@ -10,7 +10,8 @@ STRAIGHT = "path={kind='straight', length_m=14.0}"
 
 
 @pytest.mark.parametrize(
-    ("controller", "rate_hz"), [("pid", 50.0), ("pid", 100.0), ("lqr", 100.0), ("ttempc", 50.0)]
+    ("controller", "rate_hz"),
+    [("pid", 50.0), ("pid", 100.0), ("lqr", 100.0), ("ttempc", 50.0), ("ttempc", 100.0)],
 )
 def test_fast_control_drives_as_well_as_slow_one(controller, rate_hz):
     errors = {}

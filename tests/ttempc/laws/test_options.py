@@ -127,6 +127,16 @@ def test_a_shorter_period_has_a_horizon_of_the_same_time_and_ramps_of_the_same_c
     assert halves == pytest.approx(2.0 * cost)
 
 
+@pytest.mark.parametrize("rate_hz", [5.0, 12.5, 25.0, 100.0])
+def test_the_unknowns_are_those_of_5_hz_at_every_rate(rate_hz):
+    period_s = 1.0 / rate_hz
+    options = MpcOptions().for_vehicle(VEHICLE, 1.0, period_s)
+    steps = options.free_steps(period_s)
+    assert len(steps.stages) == MpcOptions().moves
+    assert period_s * steps.periods[1:].mean() == pytest.approx(0.2)
+    assert period_s * steps.stages[-1] == pytest.approx(1.0, abs=0.1 + period_s)
+
+
 def test_the_vehicle_of_the_options_has_them_as_they_are():
     options = MpcOptions().for_vehicle(Vehicle(), 1.0, 0.2)
     np.testing.assert_allclose(options.step_weight, MpcOptions().step_weight)

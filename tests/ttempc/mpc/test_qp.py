@@ -11,20 +11,28 @@ import pytest
 from tests.ttempc.exact_qp import exact_minimum, residuals
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, qp_of, random_qp, stages
 from ttempc.errors import MissingPackage
+from ttempc.mpc.condensing import FreeInputs, FreeSteps
 from ttempc.mpc.lmpc import SOLVERS, CondensedHorizon, LinearMpc, OutputBounds, move_bounds
 from ttempc.mpc.qp import PENALTY, QP, CheckedSolver, SoftRows
 from ttempc.types import SolverReport
 
+SINGLE = FreeSteps.single(TUNING.moves)
 
-def rolled_cost(k, state, previous, steps, rows=None):
-    """Eq. (costfunction), stage by stage, without the constant term of z_k."""
+
+def rolled_cost(k, state, previous, steps, rows=None, free=SINGLE):
+    """Eq. (costfunction), stage by stage, without the constant term of z_k.
+
+    A step for several periods costs as much as a ramp of as many.
+    """
     a, b = stages()
-    moves = steps.reshape(TUNING.moves, 3)
+    moves = dict(zip(free.stages.tolist(), steps.reshape(-1, 3), strict=True))
+    periods = dict(zip(free.stages.tolist(), free.periods.tolist(), strict=True))
     z, u, cost = state, previous, 0.0
     for j in range(TUNING.horizon):
-        if j < TUNING.moves:
+        if j in moves:
             u = u + moves[j]
-            cost += moves[j] @ np.diag(TUNING.step_weight) @ moves[j]
+            one = moves[j] / periods[j]
+            cost += periods[j] * one @ np.diag(TUNING.step_weight) @ one
         z = a[k + j] @ z + b[k + j] @ u
         y = z if rows is None else rows[k + j + 1] @ z
         cost += y @ np.diag(TUNING.output_weight) @ y
@@ -46,6 +54,31 @@ def test_objective_differs_from_the_rolled_cost_by_a_constant(scale):
             steps = 0.1 * generator.normal(size=9)
             rolled = rolled_cost(k, state, previous, steps, rows) - free
             assert qp.objective(steps) == pytest.approx(rolled, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("periods", [1.0, 1.6, 3.0])
+def test_inputs_held_between_free_steps_have_the_rolled_cost_and_rates(periods):
+    generator = np.random.default_rng(6)
+    a, b = stages()
+    free = FreeSteps.blocks(3, periods)
+    assert free.stages[0] == 0
+    assert np.diff(free.stages).min() >= 1
+    bounds = move_bounds(TUNING, PERIOD_S, len(a), steps=free)
+    held = CondensedHorizon(a, b, TUNING, PERIOD_S, free=FreeInputs(free, bounds))
+    state, previous = 0.02 * generator.normal(size=7), 0.05 * generator.normal(size=3)
+    for k in (0, 55):
+        qp = qp_of(held, k, state, previous)
+        constant = rolled_cost(k, state, previous, np.zeros(9), free=free)
+        steps = 0.1 * generator.normal(size=9)
+        rolled = rolled_cost(k, state, previous, steps, free=free) - constant
+        assert qp.objective(steps) == pytest.approx(rolled, rel=1e-9, abs=1e-9)
+        rates = np.asarray(TUNING.input_rate) * PERIOD_S
+        np.testing.assert_allclose(qp.upper[3:], np.tile(periods * rates, 2))
+
+
+def test_blocks_of_one_period_are_single_steps():
+    for mine, single in zip(FreeSteps.blocks(6, 1.0), FreeSteps.single(6), strict=True):
+        np.testing.assert_array_equal(mine, single)
 
 
 def test_a_step_from_within_reach_leads_into_the_bounds():

@@ -22,7 +22,7 @@ from tests.ttempc.tubes import (
 from ttempc.errors import InvalidTube
 from ttempc.laws.options import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics, remaining_bounds
-from ttempc.mpc.condensing import StageBounds
+from ttempc.mpc.condensing import FreeInputs, FreeSteps, StageBounds
 from ttempc.mpc.lmpc import CondensedHorizon
 from ttempc.mpc.qp import CheckedSolver
 from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
@@ -124,7 +124,8 @@ def test_planned_inputs_and_ancillary_action_keep_to_the_limits_at_every_stage()
 
 
 def test_every_qp_after_a_feasible_one_is_feasible_whatever_the_disturbances():
-    horizon = CondensedHorizon(A, B, OPTIONS, PERIOD_S, C, free_bounds=TUBE.bounds)
+    free = FreeInputs(FreeSteps.single(OPTIONS.moves), TUBE.bounds)
+    horizon = CondensedHorizon(A, B, OPTIONS, PERIOD_S, C, free=free)
     generator = np.random.default_rng(82)
     solver = CheckedSolver()
     u = np.zeros(3)
