@@ -73,8 +73,9 @@ class Table:
 def all_tables() -> dict[str, Table]:
     """Return every table by its name."""
     folder = importlib.import_module(".studies", __package__)
-    names = [f".studies.{item.name}" for item in pkgutil.iter_modules(folder.__path__)]
-    modules = [importlib.import_module(name, __package__) for name in (*names, ".benchmarks")]
+    studies = [f".studies.{item.name}" for item in pkgutil.iter_modules(folder.__path__)]
+    names = (*studies, ".benchmarks", ".growth")
+    modules = [importlib.import_module(name, __package__) for name in names]
     return {table.name: table for module in modules for table in module.TABLES}
 
 
