@@ -23,6 +23,7 @@ import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType, FunctionType, ModuleType
@@ -497,6 +498,21 @@ def sweeps(seeds: int = 4) -> list[Figure]:
     return found
 
 
+def threads(repeats: int = 3) -> list[Figure]:
+    """Return how much faster two threads of a process drive two runs than one thread does."""
+    scenario = load("grass", ["path.laps=1"])[1]
+
+    def wall_s(width: int) -> float:
+        runs = [assemble(scenario, SEED) for _ in range(2)]
+        begin = time.perf_counter()
+        with ThreadPoolExecutor(width) as pool:
+            list(pool.map(lambda run: drive_into(Recorder(), run, prepared=False), runs))
+        return time.perf_counter() - begin
+
+    one, two = (min(wall_s(width) for _ in range(repeats)) for width in (1, 2))
+    return [Figure("two threads of one process / one thread", one / two, least=1.7)]
+
+
 # --- Table ----------------------------------------------------------------------------------------
 
 PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
@@ -507,6 +523,7 @@ PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
     "calls": calls,
     "start-up": start_up,
     "sweep": sweeps,
+    "threads": threads,
 }
 """Benchmarks by name."""
 

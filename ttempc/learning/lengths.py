@@ -9,7 +9,6 @@ from enum import IntEnum
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri
 
 from ..estimation.filter.correct import CORRECTION, CORRECTION_SIZE, Reading, correct
 from ..estimation.filter.predict import predict, steps_over
@@ -208,7 +207,8 @@ _N: Final = len(LENGTHS)
 _TURNING_SD_M: Final = 0.03  # up to which the turning offset counts as known; assumed
 _TURNING_CHANGE_M: Final = 0.01  # of the offset, below which nothing is exchanged; assumed
 _CHANGE: Final = 0.02  # relative change of the lengths below which nothing is exchanged; assumed
-_REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
+# Of the given lengths: what chi-square with a degree of freedom each exceeds with 1 %
+_REJECTED: Final = 13.276704135987625
 KNOWN_SD: Final = 0.05
 """Relative standard deviation up to which a length counts as known; assumed."""
 

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import betaincinv
 
 from ..errors import InvalidTube
 from ..types import FloatArray
@@ -47,6 +46,8 @@ class Calibration:
         The coverage has the distribution Beta(k, n + 1 - k): Vovk (2012), "Conditional validity of
         inductive conformal predictors", proposition 2a.
         """
+        from scipy.special import betaincinv  # takes a while to load, and a drive needs none
+
         alpha = self.rank
         beta = self.count + 1 - self.rank
         low = betaincinv(alpha, beta, 0.5 * (1.0 - confidence))

@@ -39,7 +39,7 @@ def test_a_process_that_nobody_waits_for_is_counted():
     assert benchmarks.process_s(sys.executable, "-c", words) > 0.5
 
 
-@pytest.mark.parametrize("part", ["start-up", "sweep"])
+@pytest.mark.parametrize("part", ["start-up", "sweep", "threads"])
 def test_other_parts(part):
     values(benchmarks.PARTS[part]())
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from statistics import NormalDist
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri
 
 from ...errors import InvalidTuning, UnknownSensor
 from ...jit import cached_njit
@@ -100,6 +100,16 @@ def matrix_row(matrix: int, rows: int, row: int) -> int:
     return (matrix * rows + row) * WIDTH
 
 
+def chi_square_limit(size: int, probability: float) -> float:
+    """Return what the sum of the squares of one or two standard normal numbers exceeds so often.
+
+    `scipy.special` has it for any size, and takes a seventh of the time to refuse a wrong path.
+    """
+    if size == 1:
+        return NormalDist().inv_cdf(0.5 * probability) ** 2
+    return -2.0 * math.log(probability)
+
+
 def filter_parameters(
     vehicle: Vehicle,
     sensors: SensorNoise,
@@ -130,7 +140,7 @@ def filter_parameters(
     # Sensors: their noise, the gate, and for how long it may reject
     f["variances"] = _variances(sensors)
     f["float_variance"] = sensors.gnss_float**2
-    f["gates"] = [float(chdtri(size, gate_probability)) for size in INNOVATION_SIZES]
+    f["gates"] = [chi_square_limit(size, gate_probability) for size in INNOVATION_SIZES]
     f["patience"] = _PATIENCE_S
     if sensors.gnss_float > 0.0:
         receivers = [row.index for row in SENSORS if row.kind is SensorKind.POSITION]
