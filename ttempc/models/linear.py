@@ -3,8 +3,7 @@
 import math
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
-from scipy.linalg.lapack import dposv  # pyright: ignore[reportAttributeAccessIssue]
+import scipy
 
 from ..errors import InvalidTuning
 from ..types import FloatArray
@@ -83,16 +82,17 @@ def riccati_gains(
     value = terminal_cost
     if value is None:
         try:
-            value = solve_discrete_are(a[-1], b[-1], state_cost[-1], weight)
+            value = scipy.linalg.solve_discrete_are(a[-1], b[-1], state_cost[-1], weight)
         except np.linalg.LinAlgError as error:
             raise InvalidTuning(f"no regulator stabilises the last stage: {error}") from None
     n = a.shape[2]
     both = np.concatenate([a[: len(b)], b], axis=2)
     gains = np.empty((len(b), b.shape[2], n))
+    solve = scipy.linalg.lapack.dposv
     for k in reversed(range(len(b))):
         # [A B]'P[A B] has all products; numpy's own `solve` would take half of the time.
         products = both[k].T @ (value @ both[k])
-        _, gains[k], failed = dposv(weight + products[n:, n:], products[n:, :n])
+        _, gains[k], failed = solve(weight + products[n:, n:], products[n:, :n])
         if failed:
             raise InvalidTuning(f"no regulator: R + B'PB is not positive at stage {k}")
         value = state_cost[k] + products[:n, :n] - products[:n, n:] @ gains[k]
