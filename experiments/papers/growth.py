@@ -168,7 +168,8 @@ def table() -> str:
             values = [figures[figure] for figures in found]
             pairs = zip(growth.sizes, values, strict=True)
             at_sizes = ", ".join(f"{size:,}: {value:.3g}" for size, value in pairs)
-            lines.append((name, figure, at_sizes, f"{exponent(growth.sizes, values):.2f}"))
+            power = round(exponent(growth.sizes, values), 2) + 0.0  # no sign of a zero
+            lines.append((name, figure, at_sizes, f"{power:.2f}"))
     return markdown(("what grows", "figure", "at sizes", "exponent"), lines)
 
 
