@@ -329,7 +329,7 @@ def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> V
     tool = scenario.implement
     if tool is None:
         return replace(model, reverse=mission.reverse)
-    offset = _turning_offset(tool, vehicles.nominal, model)  # until it is learnt
+    offset = _turning_offset(tool, vehicles.nominal)  # until it is learnt
     return replace(
         model,
         reverse=mission.reverse,
@@ -338,17 +338,18 @@ def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> V
     )
 
 
-def _turning_offset(tool: Implement, nominal: PlantVehicle, model: Vehicle) -> float:
+def _turning_offset(tool: Implement, nominal: PlantVehicle) -> float:
     """Return the distance behind the axle of the place about which a trailer with a tool turns [m].
 
     A turn about a place c behind the axle moves the tyres across the trailer in proportion to c and
     the tool, b behind them, the other way in proportion to b - c. Their side forces, of stiffnesses
     K_a and K_b [N/rad], are in balance for c = b K_b / (K_a + K_b). K_a is the mass on the axle
-    over the cornering compliance of the model.
+    over its cornering compliance, both of the vehicle file; 0 where this is not known.
     """
-    if model.compliance_i == 0.0:
-        return 0.0  # tyres that do not slip
-    of_tyres = AxleLoads.of(nominal).trailer / GRAVITY / model.compliance_i
+    compliance = nominal.trailer.compliance_s2pm
+    if compliance == 0.0:
+        return 0.0
+    of_tyres = AxleLoads.of(nominal).trailer / GRAVITY / compliance
     of_tool = math.degrees(tool.side_stiffness_n_per_deg_m2) * tool.width_m * tool.depth_m
     return tool.behind_m * of_tool / (of_tool + _STIFFNESS_LEFT * of_tyres)
 
