@@ -86,7 +86,7 @@ def of_rows(count: int) -> Figures:
 
 
 def _drive(*overrides: str) -> Figures:
-    """Return the median control step, and the processor time of a simulated second."""
+    """Return quantiles of the control step, and the processor time of a simulated second."""
     recorder = Recorder()
     assembly = assemble(load("grass", overrides)[1], SEED)
     begin = time.process_time()
@@ -103,7 +103,7 @@ def _drive(*overrides: str) -> Figures:
 def _fastest(*overrides: str) -> Figures:
     """Return the least of each figure over the repeats."""
     found = [_drive(*overrides) for _ in range(REPEATS)]
-    return {name: min(figures[name] for figures in found) for name in found[0]}
+    return {name: min(one[name] for one in found) for name in found[0]}
 
 
 def of_rate(rate_hz: int) -> Figures:
@@ -165,7 +165,7 @@ def table() -> str:
     for name, growth in GROWTHS.items():
         found = [growth.measure(size) for size in growth.sizes]
         for figure in found[0]:
-            values = [figures[figure] for figures in found]
+            values = [one[figure] for one in found]
             pairs = zip(growth.sizes, values, strict=True)
             at_sizes = ", ".join(f"{size:,}: {value:.3g}" for size, value in pairs)
             power = round(exponent(growth.sizes, values), 2) + 0.0  # no sign of a zero

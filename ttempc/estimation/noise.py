@@ -209,8 +209,9 @@ class ProcessNoise:
         without a tool track worse with them. `side_walk` is a compromise of these curves with
         passes of 80 and 200 m at 1.4, 2.8 and 4.2 m/s, on level ground and slopes (seeds 11 to 13):
         the value of the curves alone, 0.0036, has errors larger by 9 to 20 % on the passes.
-        `body_fading_m`, of 10 to 120 m on the same drives: what a turn with raised tool leaves in
-        the side slips is soon gone where the tool works.
+        `body_fading_m` is a compromise of curves and passes of 200 m too, of 10 to 120 m (seeds 21
+        to 23): a tool that is lowered after a turn meets less of the side slips that were estimated
+        in it, and the tractor's error in turns is larger.
         """
         if not vehicle.tool_behind:
             return cls()

@@ -18,9 +18,10 @@ from ..vehicle import Vehicle
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
 _WEIGHTS_MPS: Final = 1.0  # speed for which they are given, the paper's
 ROUNDING: Final = 1e-9
-# Of the trailer's step weight with a tool, which a turn of the trailer moves across at once. Of 1,
-# 4, 6 and 9, and of these times the speed, that of least error at the tool on passes at 1.4, 2.8
-# and 4.2 m/s and in curves (seeds 21 to 23); with 1 it swings over waves of 4 to 7 m
+# Of the trailer's step weight with a tool, which a turn of the trailer moves across at once. Of 4,
+# 6 and 9, and of 1, 2, 4 and 8 times the speed, that of least error at the tool on passes at 1.4,
+# 2.8 and 4.2 m/s and in curves (seeds 21 to 23); with the speed alone it swings over waves of 4 to
+# 7 m
 _TOOL_FACTOR: Final = 6.0
 _PUSHING_FACTOR: Final = 6.0  # 4 and 10 give the same errors over 30 m, 1 lets the trailer swing
 

@@ -489,8 +489,10 @@ def _tolerance(given: Vehicle, squared_speed: float, roughness: float) -> FloatA
     offset, drawbar and trailer: the distance of both receivers shows it, whatever the tyres do.
     """
     lengths = _lengths(given)[:_N]
-    by_curve = np.full(_N, given.compliance_i * squared_speed)
-    by_curve[0] = given.compliance_t * squared_speed
+    compliances = [
+        given.compliance_t if name == "wheelbase" else given.compliance_i for name in LENGTHS
+    ]
+    by_curve = squared_speed * np.array(compliances)
     keep_sum = np.eye(_N)
     keep_sum[1:, 1:] -= 1.0 / 3.0
     variances = max(1.0, roughness) * (_SLIP * lengths) ** 2 + by_curve**2
