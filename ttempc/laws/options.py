@@ -24,6 +24,11 @@ ROUNDING: Final = 1e-9
 # 7 m
 _TOOL_FACTOR: Final = 6.0
 _PUSHING_FACTOR: Final = 6.0  # 4 and 10 give the same errors over 30 m, 1 lets the trailer swing
+# Of both step weights in reverse with a trailer that steers: 1.5 to 6 of the front's and 3 to 6 of
+# the trailer's give the same errors, 1 and 1 end in swings at the limit of the front's rate
+# (`work-reverse`, 2 of the seeds 21 to 28; a wet slope, 1 of 3)
+_REVERSE_FRONT_FACTOR: Final = 2.0
+_REVERSE_TRAILER_FACTOR: Final = 3.0
 
 
 def motion_ratio(vehicle: Vehicle, speed_mps: float) -> FloatArray:
@@ -108,15 +113,17 @@ class MpcOptions(HorizonTuning):
           (`Vehicle.motion_per_input`): a drive of three times the gain cycles at the limit of its
           rate otherwise.
         - The weights of both steerings grow with the speed, see `steering_step_factors`.
-        - In reverse with a plain trailer, which the front steering alone keeps from folding, a step
-          of it weighs six times as much, as in `lqr`: without it the bodies swing.
+        - In reverse steps of both steerings weigh more, twice and three times; with a plain
+          trailer, which the front steering alone keeps from folding, a step of it weighs six times
+          as much, as in `lqr`: without it the bodies swing.
         """
         steps = _PERIOD_S / period_s
         drive = motion_ratio(vehicle, speed_mps)[Input.HP]
         of_front, of_trailer = steering_step_factors(vehicle, speed_mps)
         front, trailer, hp = (steps**2 * weight for weight in self.step_weight)
-        if vehicle.reverse and vehicle.is_plain:
-            front *= _PUSHING_FACTOR
+        if vehicle.reverse:
+            front *= _PUSHING_FACTOR if vehicle.is_plain else _REVERSE_FRONT_FACTOR
+            trailer *= _REVERSE_TRAILER_FACTOR
         return replace(
             self,
             horizon=math.ceil(steps * self.horizon - ROUNDING),

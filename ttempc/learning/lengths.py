@@ -207,6 +207,7 @@ _N: Final = len(LENGTHS)
 _TURNING_SD_M: Final = 0.03  # up to which the turning offset counts as known; assumed
 _TURNING_CHANGE_M: Final = 0.01  # of the offset, below which nothing is exchanged; assumed
 _CHANGE: Final = 0.02  # relative change of the lengths below which nothing is exchanged; assumed
+_CURVE_RAD: Final = 0.5  # by which the tractor has turned after a curve; assumed
 # Of the given lengths: what chi-square with a degree of freedom each exceeds with 1 %
 _REJECTED: Final = 13.276704135987625
 KNOWN_SD: Final = 0.05
@@ -229,6 +230,8 @@ class LengthIdentifier:
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""
+        if not _has_curve(window):
+            return Identification(vehicle)
         fit = fit_lengths(window, vehicle, self._given, self._noise, self._process)
         if fit is None:
             return Identification(vehicle)
@@ -266,6 +269,13 @@ class LengthIdentifier:
         decided = rejected or fit.rejection < 0.5 * _REJECTED
         turning_known = bool((fit.sd[_N:] < _TURNING_SD_M).all())
         return known and decided and turning_known
+
+
+def _has_curve(window: Sequence[RecordedTick]) -> bool:
+    """Whether the estimated heading of the tractor has changed by more than `_CURVE_RAD`."""
+    headings = Window.of(window).ticks[:, HEADINGS][:, 0]
+    known = headings[np.isfinite(headings)]
+    return len(known) > 0 and float(np.ptp(np.unwrap(known))) > _CURVE_RAD
 
 
 @dataclass(frozen=True, slots=True)

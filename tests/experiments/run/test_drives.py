@@ -15,7 +15,7 @@ from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load, shipped
-from proving_ground.testbed.recording.channels import CONTROL, STATE
+from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE
 from proving_ground.testbed.recording.record import REACTION, Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
 from proving_ground.testbed.vehicle.vehicle import VEHICLES
@@ -199,6 +199,18 @@ def test_curves_hold_in_reverse_too_and_without_feedback_the_trailer_folds(tmp_p
     changes = [f"--set=plant.vehicle.file='{forward_only}'", "--set=path.reverse=true"]
     assert main(["run", "farm", "--out", str(tmp_path / "new"), *changes]) == 2
     assert "forward-only" in capsys.readouterr().err
+
+
+def test_in_reverse_the_front_steering_is_calm_again_after_a_curve():
+    """With the step weights of driving ahead it swung from stop to stop along the second pass."""
+    summary, record = driven("work-reverse", seed=22)
+    assert summary.status == "completed"
+    reference, control = record[REFERENCE], record[CONTROL]
+    in_curve = np.abs(reference["delta_t_rad"]) > 1e-3
+    after_s = reference.time_s[in_curve][-1]
+    command = control["delta_t_rad_command"][control.time_s > after_s]
+    assert np.abs(command).max() < math.radians(15.0)
+    assert not [event.text for event in record.events if "learnt: vehicle" in event.text]
 
 
 def spoilt(spoil, ticks, path):
