@@ -13,7 +13,7 @@ Names are loaded when they are first used, so that `import ttempc` takes no time
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from .errors import TtempcError as TtempcError
