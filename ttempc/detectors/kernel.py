@@ -178,13 +178,12 @@ def _observe_estimate(s: Record, data: TickData) -> None:
     if board.enabled[DetectorIndex.PROTECTION]:
         observe_protection(s.position, s.last, board, data)
     if board.enabled[DetectorIndex.DRIFT]:
-        confirmed = _is_confirmed(s)
-        observe_drift(s.drift, board, data, confirmed)
-        if board.enabled[DetectorIndex.STEPS]:
-            position_sd = s.speeds.position_sd
-            roughness = s.last.roughness
-            noise = s.many.count
-            observe_steps(s.steps, s.drift, board, data, roughness, position_sd, noise, confirmed)
+        observe_drift(s.drift, board, data, _is_confirmed(s))
+    if board.enabled[DetectorIndex.STEPS]:
+        sd = s.speeds.position_sd
+        roughness = s.last.roughness
+        many = s.many.count
+        observe_steps(s.steps, s.drift, s.velocity, board, data, roughness, sd, many)
     if board.enabled[DetectorIndex.AT_REST]:
         planned_mps = latest_plan(s.speeds)
         check_standstill(s.standstill, board, data, s.speeds.position_sd, planned_mps)

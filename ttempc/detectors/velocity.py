@@ -44,8 +44,8 @@ _ONSET: Final = np.dtype(
 )
 """Hypothesis that a drift began at one moment."""
 
-_ONSETS: Final = 40
-_EVERY_S: Final = 2.0  # from one onset to the next: the longest window is 80 s
+_ONSETS: Final = 60
+_EVERY_S: Final = 2.0  # from one onset to the next: the longest window is 120 s
 
 VELOCITY: Final = np.dtype(
     [
@@ -113,7 +113,7 @@ def observe_velocity(
 
     A drift w of the positions from a time t0 on adds w (t - t0) to z. The statistic is the largest
     generalised likelihood ratio (Willsky and Jones 1976, IEEE TAC 21, 108-112) over onsets t0 of
-    the last 80 s: with innovations u of variance S, and the effect g of a unit drift on u,
+    the last 120 s: with innovations u of variance S, and the effect g of a unit drift on u,
 
         C = sum(g^2 / S),   d = sum(g u / S),   J = |d|^2 / (C + 1 / w_0^2) / max(1, misfit).
 
@@ -167,6 +167,35 @@ def confirms(memory: Record) -> bool:
     """Return whether positions and velocities of a receiver were compared, and agree so far."""
     compared = memory.receivers[0].used + memory.receivers[1].used > 0.0
     return compared and memory.rejected == 0.0
+
+
+@kernel
+def measures_offset(memory: Record) -> bool:
+    """Return whether the offset of both positions from their velocities is known at this tick."""
+    tractor = memory.receivers[0]
+    trailer = memory.receivers[1]
+    return min(tractor.known, trailer.known, tractor.used, trailer.used) > 0.0
+
+
+@kernel
+def offset_from_velocity(memory: Record, axis: int) -> float:
+    """Return the mean position less the mean integral of the velocities, along an axis [m]."""
+    total = 0.0
+    for body in range(2):
+        track = memory.receivers[body]
+        total += track.difference[axis] - track.origin[axis]
+    return 0.5 * total
+
+
+@kernel
+def offset_sd(memory: Record, position_sd: float, mean_of: float, apart_s: float) -> float:
+    """Return the deviation of a difference of two means of offsets, along an axis [m].
+
+    Each is the mean of `mean_of` offsets of both receivers; they are `apart_s` apart.
+    """
+    white_sd = min(max(position_sd, _WHITE_M), 1.0)
+    of_positions = 2.0 * white_sd**2 / (2.0 * mean_of)
+    return math.sqrt(of_positions + _walk_variance(memory, apart_s))
 
 
 @kernel

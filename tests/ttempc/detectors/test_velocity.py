@@ -13,6 +13,7 @@ from ttempc.types import Estimate, Measurement, Sensor
 
 NAMES = [BUILT_IN[index].name for index in (DetectorIndex.VELOCITY, DetectorIndex.VELOCITY_SURE)]
 CLOCK = BUILT_IN[DetectorIndex.CLOCK].name
+STEPS = BUILT_IN[DetectorIndex.STEPS].name
 BODIES = ("tractor", "trailer")
 START_S = 30.0
 
@@ -20,9 +21,10 @@ START_S = 30.0
 class Receivers:
     """Two receivers on a vehicle that drives east on a weaving line, with white errors."""
 
-    def __init__(self, seed=1, velocity_sd=0.03, floats=False, ageing=0.0):
+    def __init__(self, seed=1, velocity_sd=0.03, floats=False, ageing=0.0, names=(*NAMES, CLOCK)):
         self.rng = np.random.default_rng(seed)
-        self.monitors = Monitors([*NAMES, CLOCK])
+        self.names = names
+        self.monitors = Monitors([*names])
         self.ageing = ageing  # by which the delay of the samples grows [s/s] from `START_S` on
         self.velocity_sd = velocity_sd
         self.floats = floats  # for two seconds from the start of the error on
@@ -30,17 +32,17 @@ class Receivers:
     def first(self, error, seconds=60.0):
         """Drive with an error of the positions (2,) as a function of the time since its start.
 
-        Returns the times of both limits and of the clock's alarm [s] since then, NaN where they are
-        not reached, and the alarms at the end.
+        Returns the time [s] since then of the first alarm of each name, by default of both limits
+        and of the clock, NaN where there is none, and the alarms at the end.
         """
-        limits = dict.fromkeys([*NAMES, CLOCK], np.nan)
+        limits = dict.fromkeys(self.names, np.nan)
         alarms = ()
         for k in range(round((START_S + seconds) / PERIOD_S)):
             since_s = k * PERIOD_S - START_S
             wrong = np.asarray(error(since_s)) if since_s >= 0.0 else np.zeros(2)
             alarms = observed(self.monitors, self._seen(k * PERIOD_S, wrong))
             for alarm in alarms:
-                if np.isnan(limits[alarm.detector]):
+                if np.isnan(limits.get(alarm.detector, 0.0)):
                     limits[alarm.detector] = since_s
         return tuple(limits.values()), alarms
 
@@ -109,3 +111,28 @@ def test_samples_whose_delay_grows_are_named_by_the_clock_long_before():
     (slow_s, _, clock_s), _ = Receivers(ageing=0.02).first(lambda t: (0.0, 0.0), seconds=40.0)
     assert clock_s < 10.0
     assert slow_s > 1.5 * clock_s
+
+
+def stairs(rise_m, every_s, direction):
+    along = np.array([np.cos(direction), np.sin(direction)])
+    return lambda since_s: rise_m * (1.0 + since_s // every_s) * along
+
+
+def stepping(seed):
+    """Return receivers without an encoder beside them: there is no dead reckoning."""
+    return Receivers(seed, names=(*NAMES, STEPS))
+
+
+@pytest.mark.parametrize("direction", [0.0, 2.0, 4.0])
+@pytest.mark.parametrize("rise_m", [0.07, 0.15, 0.3])
+def test_stairs_are_noticed_by_the_velocities_before_they_are_half_a_metre(rise_m, direction):
+    error = stairs(rise_m, 10.0, direction)
+    times, alarms = stepping(2).first(error, seconds=100.0)
+    assert np.hypot(*error(np.nanmin(times))) < 0.5
+    assert alarms[-1].reaction is Reaction.STOP_ON_PATH
+
+
+def test_noise_and_a_bump_that_goes_back_are_no_stairs():
+    for seed, error in ((3, lambda t: (0.0, 0.0)), (4, lambda t: (0.12 * (t < 20.0), 0.0))):
+        (*_, noticed_s), _ = stepping(seed).first(error, seconds=600.0)
+        assert np.isnan(noticed_s)
