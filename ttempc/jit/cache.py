@@ -167,7 +167,6 @@ class KernelCache(Generic[T]):
         """Return what is kept for these types of arguments, None if nothing is."""
         if not self.is_used:
             return None
-        self._context.refresh()  # as numba's own cache does
         name = self._file_name(types)
         shipped = _shipped_folder(self._kernel.py_func.__module__)
         if shipped is not None:
