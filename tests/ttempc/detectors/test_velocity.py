@@ -21,8 +21,17 @@ START_S = 30.0
 class Receivers:
     """Two receivers on a vehicle that drives east on a weaving line, with white errors."""
 
-    def __init__(self, seed=1, velocity_sd=0.03, floats=False, ageing=0.0, names=(*NAMES, CLOCK)):
+    def __init__(
+        self,
+        seed=1,
+        velocity_sd=0.03,
+        floats=False,
+        ageing=0.0,
+        names=(*NAMES, CLOCK),
+        position_sd=0.03,
+    ):
         self.rng = np.random.default_rng(seed)
+        self.position_sd = position_sd
         self.names = names
         self.monitors = Monitors([*names])
         self.ageing = ageing  # by which the delay of the samples grows [s/s] from `START_S` on
@@ -53,7 +62,7 @@ class Receivers:
         time_s += self.ageing * max(0.0, time_s - START_S)  # stamped on arrival
         samples = []
         for body in BODIES:
-            at = place + wrong + self.rng.normal(0.0, 0.03, 2)
+            at = place + wrong + self.rng.normal(0.0, self.position_sd, 2)
             samples.append(Measurement(time_s, Sensor(f"gnss_{body}"), tuple(at), int(status)))
             moves = velocity + self.velocity_sd * self.rng.standard_normal(2)
             samples.append(Measurement(time_s, Sensor(f"velocity_{body}"), (*moves, 0.03)))
@@ -118,9 +127,9 @@ def stairs(rise_m, every_s, direction):
     return lambda since_s: rise_m * (1.0 + since_s // every_s) * along
 
 
-def stepping(seed):
+def stepping(seed, position_sd=0.03):
     """Return receivers without an encoder beside them: there is no dead reckoning."""
-    return Receivers(seed, names=(*NAMES, STEPS))
+    return Receivers(seed, names=(*NAMES, STEPS), position_sd=position_sd)
 
 
 @pytest.mark.parametrize("direction", [0.0, 2.0, 4.0])
@@ -136,3 +145,9 @@ def test_noise_and_a_bump_that_goes_back_are_no_stairs():
     for seed, error in ((3, lambda t: (0.0, 0.0)), (4, lambda t: (0.12 * (t < 20.0), 0.0))):
         (*_, noticed_s), _ = stepping(seed).first(error, seconds=600.0)
         assert np.isnan(noticed_s)
+
+
+@pytest.mark.parametrize("position_sd", [0.008, 0.1, 0.3])
+def test_noise_of_any_size_is_no_stairs(position_sd):
+    (*_, noticed_s), _ = stepping(5, position_sd).first(lambda t: (0.0, 0.0), seconds=600.0)
+    assert np.isnan(noticed_s)
