@@ -169,7 +169,7 @@ TABLES: Final = (
     Table(
         name="kayacan2016",
         studies={
-            "kayacan2016": study("kayacan2016", report_seeds(5), (), variants("law", LAWS)),
+            "kayacan2016": study("kayacan2016", report_seeds(5), _LAP, variants("law", LAWS)),
         },
         text=published_errors,
         checks=(("kayacan2016", "paper"), ("kayacan2016", "nmpc-path")),
