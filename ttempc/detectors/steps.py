@@ -108,10 +108,13 @@ def observe_steps(
         y = 0.5 * (tractor.offset[1] + trailer.offset[1])
         white = max(1.0, min(position_sd, 1.0) / _USUAL_SD_M)
         noise_m = white * _NOISE_M + _ROUGH_M * math.sqrt(max(roughness, 0.0))
-    if by_velocity != (memory.by_velocity > 0.0) or not (settled and known):
+    changed = by_velocity != (memory.by_velocity > 0.0)
+    if changed:
+        memory.usual[:] = 0.0
+        memory.by_velocity = 1.0 if by_velocity else 0.0
+    if changed or not (settled and known):
         memory.filled = 0.0
         memory.peak[:] = 0.0
-        memory.by_velocity = 1.0 if by_velocity else 0.0
     if settled and known:
         if contradicting >= _MANY:
             noise_m *= _MANY_NOISE
