@@ -180,10 +180,16 @@ def _observe_estimate(s: Record, data: TickData) -> None:
     if board.enabled[DetectorIndex.DRIFT]:
         observe_drift(s.drift, board, data, _is_confirmed(s))
     if board.enabled[DetectorIndex.STEPS]:
-        sd = s.speeds.position_sd
-        roughness = s.last.roughness
-        many = s.many.count
-        observe_steps(s.steps, s.drift, s.velocity, board, data, roughness, sd, many)
+        observe_steps(
+            s.steps,
+            s.drift,
+            s.velocity,
+            board,
+            data,
+            s.last.roughness,
+            s.speeds.position_sd,
+            s.many.count,
+        )
     if board.enabled[DetectorIndex.AT_REST]:
         planned_mps = latest_plan(s.speeds)
         check_standstill(s.standstill, board, data, s.speeds.position_sd, planned_mps)

@@ -10,13 +10,14 @@ from ..types import FloatArray
 from .board import Record, TickData, has_alarm
 from .history import kernel
 from .table import DetectorIndex
-from .velocity import measures_offset, offset_from_velocity, offset_sd
+from .velocity import compares_both, has_new_offset, offset_from_velocity, offset_sd
 
 _KEPT: Final = 8  # positions: 1.4 s at five a second
 
 STEPS: Final = np.dtype(
     [
         ("by_velocity", "f8"),  # 1: offsets are from the velocities of GNSS, 0: dead reckoning
+        ("time_s", "f8"),  # of the newest offset from dead reckoning
         ("offsets", "f8", (_KEPT, 2)),  # of both positions [m], newest last
         ("filled", "f8"),  # number of offsets
         ("usual", "f8", 2),  # mean difference of offsets a second apart [m]
@@ -28,6 +29,7 @@ STEPS: Final = np.dtype(
 """Memory of the detector."""
 
 _SETTLES_S: Final = 12.0  # while the coefficients of slips are learnt
+_LATEST_S: Final = 0.5  # age of a position whose offset from dead reckoning is used
 _MEAN_OF: Final = 3  # offsets in a mean
 _PASSES: Final = 5.0  # positions until a step has left the differences
 _USUAL: Final = 0.01  # share of a new difference in the usual one
@@ -88,41 +90,57 @@ def observe_steps(
     fading = math.exp(-min(data.span_s, _MEMORY_S) / _MEMORY_S)
     memory.sum[0] *= fading
     memory.sum[1] *= fading
-    tractor = drift.receivers[0]
-    trailer = drift.receivers[1]
-    settled = data.now >= _SETTLES_S
-    noise_m = 0.0
+
+    by_velocity = compares_both(velocity)
+    if by_velocity != (memory.by_velocity > 0.0):
+        _forget(memory)
+        memory.usual[:] = 0.0
+        memory.sum[:] = 0.0  # steps of one source are not held to the bound of the other
+        memory.by_velocity = 1.0 if by_velocity else 0.0
     bound_m = _FOUND_M
-    x = 0.0
-    y = 0.0
-    by_velocity = measures_offset(velocity)
-    known = by_velocity
+    white = min(position_sd, 1.0) / _USUAL_SD_M
+    noise_m = max(1.0, white) * _NOISE_M + _ROUGH_M * math.sqrt(max(roughness, 0.0))
     if by_velocity:
-        x = offset_from_velocity(velocity, 0)
-        y = offset_from_velocity(velocity, 1)
         noise_m = _SIGMAS * offset_sd(velocity, position_sd, _MEAN_OF, _APART_S)
         bound_m = max(_FOUND_BY_VELOCITY_M, _NOISES * noise_m)
-    elif tractor.last[0] == trailer.last[0] and tractor.last[0] > data.now - 0.5:
-        known = True
-        x = 0.5 * (tractor.offset[0] + trailer.offset[0])
-        y = 0.5 * (tractor.offset[1] + trailer.offset[1])
-        white = max(1.0, min(position_sd, 1.0) / _USUAL_SD_M)
-        noise_m = white * _NOISE_M + _ROUGH_M * math.sqrt(max(roughness, 0.0))
-    changed = by_velocity != (memory.by_velocity > 0.0)
-    if changed:
-        memory.usual[:] = 0.0
-        memory.by_velocity = 1.0 if by_velocity else 0.0
-    if changed or not (settled and known):
-        memory.filled = 0.0
-        memory.peak[:] = 0.0
-    if settled and known:
-        if contradicting >= _MANY:
-            noise_m *= _MANY_NOISE
-        _take_offset(memory, x, y, noise_m)
+    if contradicting >= _MANY:
+        noise_m *= _MANY_NOISE
+
+    if data.now < _SETTLES_S:
+        _forget(memory)
+    elif by_velocity:
+        if has_new_offset(velocity):
+            x = offset_from_velocity(velocity, 0)
+            y = offset_from_velocity(velocity, 1)
+            _take_offset(memory, x, y, noise_m)
+    else:
+        _take_dead_reckoning(memory, drift, data.now, noise_m)
     length = math.hypot(memory.sum[0], memory.sum[1])
     board.statistic[index] = length / bound_m
     board.residual[index] = length
     board.proposed[index, AlarmColumn.FIRST] = length
+
+
+@kernel
+def _forget(memory: Record) -> None:
+    """Begin anew with the differences; the sum of steps stays."""
+    memory.filled = 0.0
+    memory.peak[:] = 0.0
+
+
+@kernel
+def _take_dead_reckoning(memory: Record, drift: Record, now: float, noise_m: float) -> None:
+    """Take in the mean offset of both positions from dead reckoning, once for each position."""
+    tractor = drift.receivers[0]
+    trailer = drift.receivers[1]
+    time_s = tractor.last[0]
+    if time_s != trailer.last[0] or not time_s > now - _LATEST_S:
+        _forget(memory)
+    elif time_s != memory.time_s:
+        memory.time_s = time_s
+        x = 0.5 * (tractor.offset[0] + trailer.offset[0])
+        y = 0.5 * (tractor.offset[1] + trailer.offset[1])
+        _take_offset(memory, x, y, noise_m)
 
 
 @kernel

@@ -170,11 +170,15 @@ def confirms(memory: Record) -> bool:
 
 
 @kernel
-def measures_offset(memory: Record) -> bool:
-    """Return whether the offset of both positions from their velocities is known at this tick."""
-    tractor = memory.receivers[0]
-    trailer = memory.receivers[1]
-    return min(tractor.known, trailer.known, tractor.used, trailer.used) > 0.0
+def compares_both(memory: Record) -> bool:
+    """Return whether the positions of both receivers are compared with their velocities."""
+    return min(memory.receivers[0].used, memory.receivers[1].used) > 0.0
+
+
+@kernel
+def has_new_offset(memory: Record) -> bool:
+    """Return whether both receivers had a position at this tick."""
+    return min(memory.receivers[0].known, memory.receivers[1].known) > 0.0
 
 
 @kernel

@@ -221,6 +221,10 @@ class LengthIdentifier:
     tolerances T, (theta - theta_0)' (P + T)^-1 (theta - theta_0) must be so large that it is
     exceeded with a probability of 1 % only. The tolerance is for what no length describes: slopes,
     on which horizontal distances are shorter, and tyres that slip sideways, in furrows most.
+
+    A window without a curve changes nothing. On a straight only the swings of the control loop tell
+    one length from another, and the lags of valves and tyres, which the model simplifies, bend
+    those: in reverse, where they are largest, they feign a wheelbase that is short by a fifth.
     """
 
     def __init__(self, vehicle: Vehicle, noise: SensorNoise) -> None:

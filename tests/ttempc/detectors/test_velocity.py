@@ -1,5 +1,7 @@
 """Velocity: positions that drift from the integral of the velocities of the same receivers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,9 +31,11 @@ class Receivers:
         ageing=0.0,
         names=(*NAMES, CLOCK),
         position_sd=0.03,
+        ticks=1,
     ):
         self.rng = np.random.default_rng(seed)
         self.position_sd = position_sd
+        self.ticks = ticks  # of the control in a period of the receivers
         self.names = names
         self.monitors = Monitors([*names])
         self.ageing = ageing  # by which the delay of the samples grows [s/s] from `START_S` on
@@ -49,7 +53,11 @@ class Receivers:
         for k in range(round((START_S + seconds) / PERIOD_S)):
             since_s = k * PERIOD_S - START_S
             wrong = np.asarray(error(since_s)) if since_s >= 0.0 else np.zeros(2)
-            alarms = observed(self.monitors, self._seen(k * PERIOD_S, wrong))
+            seen = self._seen(k * PERIOD_S, wrong)
+            alarms = observed(self.monitors, seen)
+            for tick in range(1, self.ticks):
+                later_s = (k + tick / self.ticks) * PERIOD_S
+                alarms = observed(self.monitors, replace(seen, time_s=later_s, samples=[]))
             for alarm in alarms:
                 if np.isnan(limits.get(alarm.detector, 0.0)):
                     limits[alarm.detector] = since_s
@@ -127,16 +135,19 @@ def stairs(rise_m, every_s, direction):
     return lambda since_s: rise_m * (1.0 + since_s // every_s) * along
 
 
-def stepping(seed, position_sd=0.03):
+def stepping(seed, position_sd=0.03, ticks=1):
     """Return receivers without an encoder beside them: there is no dead reckoning."""
-    return Receivers(seed, names=(*NAMES, STEPS), position_sd=position_sd)
+    return Receivers(seed, names=(*NAMES, STEPS), position_sd=position_sd, ticks=ticks)
 
 
+@pytest.mark.parametrize("ticks", [1, 5])
 @pytest.mark.parametrize("direction", [0.0, 2.0, 4.0])
 @pytest.mark.parametrize("rise_m", [0.07, 0.15, 0.3])
-def test_stairs_are_noticed_by_the_velocities_before_they_are_half_a_metre(rise_m, direction):
+def test_stairs_are_noticed_by_the_velocities_before_they_are_half_a_metre(
+    rise_m, direction, ticks
+):
     error = stairs(rise_m, 10.0, direction)
-    times, alarms = stepping(2).first(error, seconds=100.0)
+    times, alarms = stepping(2, ticks=ticks).first(error, seconds=100.0)
     assert np.hypot(*error(np.nanmin(times))) < 0.5
     assert alarms[-1].reaction is Reaction.STOP_ON_PATH
 
