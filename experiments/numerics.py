@@ -5,7 +5,8 @@ an idle machine; on a busy one its threads wait for each other actively and take
 
 Which code a library takes depends on the processor, and the last bits of its sums with it: over a
 run that drives apart by millimetres. On 64-bit Intel and AMD processors all libraries are held to
-what x86-64-v3 has, as compiled kernels are (`ttempc/jit/target.py`).
+what x86-64-v3 has, as compiled kernels (`ttempc/jit/target.py`) and PIQP are
+(`ttempc/mpc/common_piqp.py`).
 """
 
 import os

@@ -26,14 +26,14 @@ def choose() -> None:
 
     A program that compiled kernels of its own before has chosen as well: numba asks once.
     """
-    if "NUMBA_CPU_NAME" in os.environ or not _is_reached():
+    if "NUMBA_CPU_NAME" in os.environ or not reaches_common_level():
         return
     _config.CPU_NAME = COMMON_LEVEL
     _config.CPU_FEATURES = ""
 
 
-def _is_reached() -> bool:
-    """Return whether this processor has all that the common level asks for."""
+def reaches_common_level() -> bool:
+    """Return whether this is a processor with all that the common level asks for."""
     if platform.machine().lower() not in {"x86_64", "amd64"}:
         return False
     found = binding.get_host_cpu_features()

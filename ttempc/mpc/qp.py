@@ -8,11 +8,11 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-import piqp
 
 from ..errors import MissingPackage
 from ..jit import cached_njit
 from ..types import FloatArray, SolverReport
+from .common_piqp import piqp
 
 # Of a slack s: cost PENALTY s + PENALTY s^2 / 2. The penalty is exact, that is the slack is 0 where
 # the hard problem has a solution, if it exceeds the sum of that problem's multipliers of the output

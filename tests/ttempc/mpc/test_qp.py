@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import platform
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -332,3 +334,24 @@ def test_failure_holds_the_previous_feedback_and_the_next_solve_is_right():
     (recovered, report), (expected, _) = mpc.step(6, error, held), fresh.step(6, error, held)
     np.testing.assert_allclose(recovered, expected, atol=1e-9)
     assert report.accepted
+
+
+_ON_A_PROCESSOR_WITH_AVX512 = """
+import sys
+from importlib.machinery import ExtensionFileLoader
+load = ExtensionFileLoader.exec_module
+def exec_module(loader, module):
+    load(loader, module)
+    if module.__name__ == "piqp.instruction_set":
+        module.avx512f = True
+ExtensionFileLoader.exec_module = exec_module
+from ttempc.mpc.common_piqp import piqp
+print(piqp.DenseSolver.__module__)
+"""
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the common level is one of x86-64")
+def test_piqp_takes_its_code_for_avx2_also_where_the_processor_has_more():
+    child = [sys.executable, "-c", _ON_A_PROCESSOR_WITH_AVX512]
+    printed = subprocess.run(child, capture_output=True, text=True, timeout=60, check=True).stdout
+    assert printed.strip() == "piqp.piqp_python_avx2"

@@ -1,0 +1,36 @@
+"""PIQP in the code that all processors with x86-64-v3 share.
+
+PIQP's package has a library for AVX2 and one for AVX-512, and takes the higher that the processor
+has. The last bits of their results differ, and over a run they grow to fractions of a millimetre.
+"""
+
+import sys
+from importlib.machinery import PathFinder
+from importlib.util import find_spec, module_from_spec
+from typing import Any
+
+from ..jit.target import reaches_common_level
+
+_LEVELS = "piqp.instruction_set"
+"""Module of PIQP that says what the processor has; version 0.6 asks it once, when it is loaded."""
+
+
+def _hide_avx512() -> None:
+    """Let PIQP find no AVX-512, unless the program has loaded PIQP before."""
+    package = find_spec("piqp")
+    if "piqp" in sys.modules or package is None or not reaches_common_level():
+        return
+    found = PathFinder.find_spec(_LEVELS, package.submodule_search_locations)
+    if found is None or found.loader is None:
+        return
+    levels: Any = module_from_spec(found)
+    found.loader.exec_module(levels)
+    levels.avx512f = False
+    sys.modules[_LEVELS] = levels
+
+
+_hide_avx512()
+
+import piqp  # noqa: E402  # what it finds has to be settled before
+
+__all__ = ["piqp"]
