@@ -24,6 +24,7 @@ from ....testbed.randomness import generator
 from ....testbed.recording.provenance import code_digest
 from ...results.statistics import mean
 from ...scenario.scenario import parse_overrides
+from ...seeds import report_seeds
 from ...studies.search.evolution import evolve
 from ...studies.sweep.engine import engine
 from ...studies.sweep.row import Row, working_error
@@ -50,10 +51,10 @@ TRIALS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Scenario of each trial and its changes; a short lap of each is driven."""
 
-DRIVES: Final = 16
+DRIVES: Final = 64
 """Budget of each controller, the drives of its shipped options among them."""
 _SEEDS: Final = (71,)  # of tuning
-HELD_OUT: Final = (3001,)
+HELD_OUT: Final = report_seeds(5)
 _LOSS_M: Final = 0.5  # error of a run that does not complete
 _ONE_LAP: Final = {"path.laps": 1}
 _SEED: Final = 1  # of the search
