@@ -9,16 +9,23 @@ from ..layout import InnovationColumn
 from ..sensors import SensorIndex
 from ..types import Disturbance, MapDisturbance, State
 from .board import Record, TickData, has_alarm
+from .gyro import blame_gyros
 from .history import forget, kernel, remember, sums
 from .table import DetectorIndex
 
 _ENTRIES: Final = 102  # of a second: control at 100 Hz
 
-HITCH: Final = np.dtype([("innovations", "f8", (1 + _ENTRIES, 3))])
-"""Memory of the detector: history of the sums of a tick's whitened innovations, their numbers."""
+HITCH: Final = np.dtype(
+    [
+        # History of the sums of a tick's whitened innovations, and their numbers
+        ("innovations", "f8", (1 + _ENTRIES, 3)),
+        ("since_s", "f8"),  # time from which on the filter settles: the start, or that of a gyro
+    ]
+)
+"""Memory of the detector."""
 
 SETTLED_S: Final = 8.0
-"""Time from the start on in which the filter settles [s]."""
+"""Time in which the filter settles [s], from the start on or without a gyro."""
 _SPAN_S: Final = 1.0  # of the innovations that are summed up
 _SAME_TIME_S: Final = 1e-6
 _MEAN_BOUND: Final = 7.0  # deviations of the mean innovation of a second; by hand
@@ -27,7 +34,7 @@ _SLIP_BOUND: Final = 0.032  # [rad] side slip of the tractor less that of the tr
 
 
 @kernel
-def observe_hitch(memory: Record, board: Record, data: TickData) -> None:
+def observe_hitch(memory: Record, board: Record, data: TickData, gyros: Record) -> None:
     """Compare the hitch angle with the estimate, and the side slips of both bodies.
 
     The statistic is the larger of two ratios to bounds.
@@ -47,22 +54,27 @@ def observe_hitch(memory: Record, board: Record, data: TickData) -> None:
 
       with a bound that is larger while the filter settles.
 
-    Both bounds are set by hand above what drives without a fault reached. An alarm stands until
-    `resume`: neither the sensor nor the IMUs, of which a gyro may be what lies, are used again.
+    Both bounds are set by hand above what drives without a fault reached. A gyro that lies makes
+    the same contradictions. Where one contradicts the wheels, the alarm is that of the gyro, and
+    the filter settles anew, without it. Else it is that of the hitch angle and stands until
+    `resume`: neither its sensor nor the IMUs, of which a gyro may still be what lies, are used
+    again.
 
     Args:
         memory: record `HITCH`.
         board: record `BOARD`.
         data: of the tick.
+        gyros: records `GYRO` of tractor and trailer, after this tick.
     """
     index = DetectorIndex.HITCH
     curve = _take_innovations(memory, board, data)
     total, entries = sums(memory.innovations)
 
     statistic = 0.0
+    settling_s = data.now - memory.since_s
     slip = _slip_between_bodies(data)
-    if data.now >= SETTLED_S and not math.isnan(slip):
-        settling = 1.0 + (SETTLED_S / data.now) ** 2
+    if settling_s >= SETTLED_S and not math.isnan(slip):
+        settling = 1.0 + (SETTLED_S / settling_s) ** 2
         statistic = abs(slip) / (_SLIP_BOUND * settling)
         if entries:
             bound = _MEAN_BOUND / math.sqrt(entries) + curve
@@ -70,6 +82,9 @@ def observe_hitch(memory: Record, board: Record, data: TickData) -> None:
         board.residual[index] = statistic
     if has_alarm(board, index):  # an alarm does not end by itself
         statistic = max(1.0, statistic)
+    elif statistic > board.limit[index] and blame_gyros(gyros, board):
+        memory.since_s = data.now
+        statistic = 0.0
     board.statistic[index] = statistic
 
 

@@ -13,7 +13,7 @@ from .board import BOARD, Record, TickData, has_alarm, latch_alarms, new_board
 from .clock import CLOCK, observe_clock
 from .drift import DRIFT, new_drift, observe_drift
 from .exclusion import exclude_sensors
-from .gyro import GYRO, observe_gyro
+from .gyro import GYRO, new_gyro, observe_gyro
 from .history import kernel
 from .hitch import HITCH, observe_hitch
 from .innovations import INNOVATIONS, observe_innovations
@@ -82,6 +82,7 @@ def new_detectors(velocity_wander_mps: float) -> FloatArray:
     detectors["drift"] = new_drift().view(DRIFT)[0]
     detectors["standstill"] = new_standstill().view(STANDSTILL)[0]
     detectors["velocity"] = new_velocity(velocity_wander_mps).view(VELOCITY)[0]
+    detectors["gyros"] = new_gyro().view(GYRO)[0]
     detectors["clocks"]["time_s"] = math.nan
     detectors["valves"] = new_valve().view(VALVE)[0]
     return flat
@@ -172,7 +173,7 @@ def _observe_estimate(s: Record, data: TickData) -> None:
     board = s.board
     average_roughness(s.last, board, data)
     if board.enabled[DetectorIndex.HITCH]:
-        observe_hitch(s.hitch, board, data)
+        observe_hitch(s.hitch, board, data, s.gyros)
     if board.enabled[DetectorIndex.POSITION]:
         observe_position(s.position, s.last, s.motion, s.wheels, board, data)
     if board.enabled[DetectorIndex.PROTECTION]:

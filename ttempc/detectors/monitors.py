@@ -15,7 +15,7 @@ from ..types import Command, Estimate, FloatArray, Sensor
 from ..vehicle import Vehicle
 from .board import ENDS, NO_ALARM
 from .drift import DRIFT, new_drift
-from .gyro import GYRO
+from .gyro import GYRO, new_gyro
 from .interface import Alarm, Detector, Observation, Reaction
 from .kernel import DETECTORS, new_detectors, observe_detectors
 from .standstill import STANDSTILL, new_standstill
@@ -194,7 +194,7 @@ class Monitors:
         s["position"]["offset"] = 0.0
         s["drift"] = new_drift().view(DRIFT)[0]
         s["steps"] = np.zeros(1, STEPS)[0]
-        s["gyros"] = np.zeros(2, GYRO)
+        s["gyros"] = new_gyro().view(GYRO)[0]
         s["clocks"]["late_s"] = 0.0
         s["standstill"] = new_standstill().view(STANDSTILL)[0]
         wander_mps = float(s["velocity"]["wander_mps"])

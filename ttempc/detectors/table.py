@@ -123,7 +123,7 @@ def _gyro(what: str, sensor: Sensor) -> BuiltIn:
         name=f"gyro of the {what}",
         limit=1.0,  # of comparisons in succession over their bound
         reaction=Reaction.WARN,
-        words=f"IMU of the {what} contradicts the turn of the GNSS track: not used",
+        words=f"IMU of the {what} contradicts the turn of the vehicle: not used",
         sensors=(sensor,),
     )
 

@@ -1,11 +1,12 @@
 """Faults that sensors have in common: steps of both receivers, gyros, stamps, noise."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.ttempc.detectors.observed import PERIOD_S, VEHICLE, observation, observed
+from tests.ttempc.detectors.observed import PERIOD_S, VEHICLE, moving, observation, observed
 from ttempc.detectors.board import NO_ALARM
 from ttempc.detectors.interface import Observation, Reaction
 from ttempc.detectors.kernel import DETECTORS
@@ -84,6 +85,55 @@ def test_gyros_that_are_wrong_alike_are_left_out_by_name(rate):
 def test_a_gyro_with_a_bias_and_a_step_of_the_positions_are_no_fault_of_the_gyro():
     assert not circling(Monitors(GYROS), 60.0, rate=lambda true, t: true + math.radians(0.1))
     assert not circling(Monitors(GYROS), 60.0, wrong=lambda t: 0.3 * (t > 30.0))
+
+
+HITCH = BUILT_IN[DetectorIndex.HITCH].name
+TURN_RADPS = math.tan(0.25) / VEHICLE.wheelbase  # at 1 m/s
+
+
+def contradicted_hitch(gyro, offset=0.0):
+    """Drive a curve whose hitch angle contradicts the estimate from 22 s on; return the alarms.
+
+    `gyro` is the yaw rate that both IMUs say by the true one from 20 s on, None: there is no IMU;
+    `offset` is one of the hitch angle from 22 s on [rad].
+    """
+    monitors = Monitors([HITCH, *GYROS])
+    rng = np.random.default_rng(6)
+    for k in range(116):
+        late = k >= 110
+        seen = moving(k, k * PERIOD_S, whitened=rng.normal(6.0 * late, 1.0, 5))
+        samples = [
+            Measurement(seen.time_s, Sensor.STEERING_TRACTOR, (0.25,)),
+            Measurement(seen.time_s, Sensor.STEERING_TRAILER, (0.0,)),
+            Measurement(seen.time_s, Sensor.HITCH, (0.4 + offset * late,)),
+        ]
+        if gyro is not None:
+            rate = gyro(TURN_RADPS) if k >= 100 else TURN_RADPS
+            for sensor in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER):
+                samples.append(Measurement(seen.time_s, sensor, (rate, 0.0, 0.0)))
+        alarms = observed(monitors, replace(seen, samples=samples))
+    return alarms
+
+
+@pytest.mark.parametrize(
+    "gyro",
+    [lambda true: -true, lambda true: 0.7 * true, lambda true: 0.0, lambda true: true + 0.1],
+    ids=["sign", "scale", "axis", "bias"],
+)
+def test_gyros_that_contradict_the_wheels_are_named_in_place_of_the_hitch_angle(gyro):
+    alarms = contradicted_hitch(gyro)
+    assert {alarm.detector for alarm in alarms} == set(GYROS)
+    assert {sensor for alarm in alarms for sensor in alarm.unused} == {
+        Sensor.IMU_TRACTOR,
+        Sensor.IMU_TRAILER,
+    }
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.15])
+@pytest.mark.parametrize("gyro", [None, lambda true: 1.03 * true], ids=["none", "right"])
+def test_the_hitch_angle_is_named_where_no_gyro_contradicts_the_wheels(gyro, offset):
+    alarms = contradicted_hitch(gyro, offset)
+    assert [alarm.detector for alarm in alarms] == [HITCH]
 
 
 def stamped(stamp, seconds=80.0):
