@@ -51,6 +51,7 @@ _IN_SUCCESSION: Final = 15.0  # longer than a step of the positions turns the tr
 _LEAST_TURN: Final = 0.02  # [rad] by an offset of the front steering
 _SHARE_OF_TURN: Final = 0.06  # by side slip
 _AT_ONCE: Final = 0.6  # of the difference, in one tick
+_BLAMED: Final = 2.0  # times its limit: the statistic of a gyro that is blamed
 
 
 def new_gyro() -> FloatArray:
@@ -81,7 +82,7 @@ def observe_gyro(memory: Record, board: Record, data: TickData, body: int) -> No
     if has_alarm(board, index):
         return
     _integrate(memory, data.rows, IMU_OF_BODY[body])
-    _add_turn(memory, data, body)
+    _add_turn(memory, board, data, body)
     for row in range(len(data.rows)):
         sample = data.rows[row]
         total = sample[SampleColumn.FIRST] + sample[SampleColumn.SECOND]
@@ -143,10 +144,11 @@ def _compare(memory: Record, x: float, y: float) -> None:
 
 @kernel
 def blame_gyros(gyros: Record, board: Record) -> bool:
-    """Begin the alarms of the gyros where one contradicts the wheels; return whether one does.
+    """Begin the alarms of both gyros where one contradicts the wheels; return whether one does.
 
     For the hitch detector where its statistic is above its limit, which a lying gyro raises as
-    well as a wrong angle. Gyros of one make fail alike, so that neither is used any more.
+    well as a wrong angle. Gyros of one make fail alike, so that neither is used any more. A gyro
+    whose detector does not run, or that has its alarm already, is not asked.
 
     Args:
         gyros: records `GYRO` of tractor and trailer, after this tick.
@@ -159,7 +161,8 @@ def blame_gyros(gyros: Record, board: Record) -> bool:
         blamed = blamed or (is_judged and _contradicts_wheels(gyros[body]))
     if blamed:
         for index in (DetectorIndex.GYRO_TRACTOR, DetectorIndex.GYRO_TRAILER):
-            board.statistic[index] = 2.0 * board.limit[index]
+            if board.enabled[index]:
+                board.statistic[index] = _BLAMED * board.limit[index]
     return blamed
 
 
@@ -181,11 +184,12 @@ def _contradicts_wheels(memory: Record) -> bool:
 
 
 @kernel
-def _add_turn(memory: Record, data: TickData, body: int) -> None:
+def _add_turn(memory: Record, board: Record, data: TickData, body: int) -> None:
     """Add the turns of a tick: of the gyro, and of the wheels that the other sensors tell.
 
     The tractor turns at v tan(delta_t) / L_t. The trailer's heading is that of the tractor less
-    hitch angle and trailer steering.
+    hitch angle and trailer steering. Where one of the angles is not known, because it has not been
+    measured yet or its sensor repeats one reading, the comparison begins anew.
     """
     angles = memory.angles
     hitch = angles.hitch
@@ -193,9 +197,7 @@ def _add_turn(memory: Record, data: TickData, body: int) -> None:
     for row in range(len(data.rows)):
         sample = data.rows[row]
         sensor = int(sample[SampleColumn.SENSOR])
-        angle = sample[SampleColumn.FIRST]
-        if not math.isfinite(angle):
-            continue
+        angle = sample[SampleColumn.FIRST] if board.excluded[sensor] == 0.0 else math.nan
         if sensor == SensorIndex.STEERING_TRACTOR:
             angles.front = angle
         elif sensor == SensorIndex.HITCH:

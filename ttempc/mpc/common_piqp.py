@@ -18,12 +18,14 @@ _LEVELS = "piqp.instruction_set"
 
 def _hide_avx512() -> None:
     """Let PIQP find no AVX-512, unless the program has loaded PIQP before."""
-    package = find_spec("piqp")
-    if "piqp" in sys.modules or package is None or not reaches_common_level():
+    if "piqp" in sys.modules or not reaches_common_level():
         return
+    package = find_spec("piqp")
+    if package is None:
+        return  # the import below says so
     found = PathFinder.find_spec(_LEVELS, package.submodule_search_locations)
     if found is None or found.loader is None:
-        return
+        return  # a version with one library for all
     levels: Any = module_from_spec(found)
     found.loader.exec_module(levels)
     levels.avx512f = False

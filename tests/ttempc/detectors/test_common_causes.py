@@ -91,22 +91,24 @@ HITCH = BUILT_IN[DetectorIndex.HITCH].name
 TURN_RADPS = math.tan(0.25) / VEHICLE.wheelbase  # at 1 m/s
 
 
-def contradicted_hitch(gyro, offset=0.0):
+def contradicted_hitch(gyro, offset=0.0, names=(HITCH, *GYROS), front=lambda k: 0.25):
     """Drive a curve whose hitch angle contradicts the estimate from 22 s on; return the alarms.
 
-    `gyro` is the yaw rate that both IMUs say by the true one from 20 s on, None: there is no IMU;
-    `offset` is one of the hitch angle from 22 s on [rad].
+    From 20 s on both IMUs report `gyro(rate)` in place of the true yaw rate; None: there is no IMU.
+    From 22 s on the hitch angle has an `offset` [rad]. `front(k)` is the reading of the front
+    steering [rad], None: there is none. `names` are the detectors that run.
     """
-    monitors = Monitors([HITCH, *GYROS])
+    monitors = Monitors([*names])
     rng = np.random.default_rng(6)
     for k in range(116):
         late = k >= 110
         seen = moving(k, k * PERIOD_S, whitened=rng.normal(6.0 * late, 1.0, 5))
         samples = [
-            Measurement(seen.time_s, Sensor.STEERING_TRACTOR, (0.25,)),
             Measurement(seen.time_s, Sensor.STEERING_TRAILER, (0.0,)),
             Measurement(seen.time_s, Sensor.HITCH, (0.4 + offset * late,)),
         ]
+        if front(k) is not None:
+            samples.append(Measurement(seen.time_s, Sensor.STEERING_TRACTOR, (front(k),)))
         if gyro is not None:
             rate = gyro(TURN_RADPS) if k >= 100 else TURN_RADPS
             for sensor in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER):
@@ -134,6 +136,29 @@ def test_gyros_that_contradict_the_wheels_are_named_in_place_of_the_hitch_angle(
 def test_the_hitch_angle_is_named_where_no_gyro_contradicts_the_wheels(gyro, offset):
     alarms = contradicted_hitch(gyro, offset)
     assert [alarm.detector for alarm in alarms] == [HITCH]
+
+
+def test_a_front_steering_that_is_not_measured_blames_no_gyro():
+    alarms = contradicted_hitch(lambda true: true, front=lambda k: None)
+    assert [alarm.detector for alarm in alarms] == [HITCH]
+
+
+def test_a_front_steering_that_repeats_one_reading_blames_no_gyro():
+    """It stands at 0 from 18 s on, while the vehicle turns and its other readings have noise."""
+    stuck = BUILT_IN[DetectorIndex.READINGS_STEERING_TRACTOR].name
+    noise = np.random.default_rng(8).normal(0.0, 0.01, 200)
+    alarms = contradicted_hitch(
+        lambda true: true,
+        names=(HITCH, *GYROS, stuck),
+        front=lambda k: 0.25 + noise[k] if k < 90 else 0.0,
+    )
+    assert {alarm.detector for alarm in alarms} == {HITCH, stuck}
+
+
+@pytest.mark.parametrize("only", GYROS)
+def test_a_gyro_whose_detector_does_not_run_has_no_alarm(only):
+    alarms = contradicted_hitch(lambda true: -true, names=(HITCH, only))
+    assert [alarm.detector for alarm in alarms] == [only]
 
 
 def stamped(stamp, seconds=80.0):
