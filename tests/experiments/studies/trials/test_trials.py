@@ -321,8 +321,8 @@ def test_a_controller_that_raises_loses_its_runs(one_short_trial, tmp_path, monk
 def test_the_leaderboard_is_made_of_runs_and_of_cards_of_others(
     one_short_trial, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(board, "SHIPPED", (("pid",), ("feedforward",)))
-    monkeypatch.setattr(board, "OTHERS", (("casadi_mpc:CasadiMpc",),))
+    monkeypatch.setattr(board, "SHIPPED", ("pid", "feedforward"))
+    monkeypatch.setattr(board, "OTHERS", ("casadi_mpc:CasadiMpc",))
     monkeypatch.setattr(board, "PUBLIC", PUBLIC[:1])
     folder = tmp_path / "rows" / "cards"
     folder.mkdir(parents=True)
