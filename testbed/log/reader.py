@@ -69,16 +69,17 @@ class Content:
 class _Found:
     """What the records of a log have said so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, is_read: Callable[[str], bool]) -> None:
         self.metadata: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
         self.topics: dict[str, Topic] = {}
         self.messages: dict[str, list[Message]] = {}
+        self._is_read = is_read  # whether messages on a topic are taken
         self._schemas: dict[int, Schema] = {}
         self._names: dict[int, str] = {}  # name of the topic of each channel
 
-    def take(self, record: McapRecord, is_read: Callable[[str], bool]) -> None:
-        """Take over a record; messages only on topics for which `is_read` is true."""
+    def take(self, record: McapRecord) -> None:
+        """Take over a record; messages only on topics that are read."""
         match record:
             case Metadata(name=name, metadata=content) if name == RUN_METADATA:
                 self.metadata = dict(content)
@@ -90,13 +91,56 @@ class _Found:
                 schema = self._schemas[each.schema_id]
                 self._names[number] = name
                 self.topics[name] = Topic(name, schema.name, schema.data, dict(each.metadata))
-                if is_read(name):
+                if self._is_read(name):
                     self.messages.setdefault(name, [])
             case Message() as message:
                 if (name := self._names.get(message.channel_id, "")) in self.messages:
                     self.messages[name].append(message)
             case _:
                 pass
+
+
+class _Extent:
+    """How much of a log has been unpacked, within what may be."""
+
+    def __init__(self, path: Path, size_bytes: int) -> None:
+        self.left_out = 0  # chunks that were damaged
+        self._path = path
+        self._size_bytes = size_bytes  # of the file
+        self._limit_bytes = min(_MOST_BYTES, max(_SMALL_BYTES, _MOST_RATIO * size_bytes))
+        self._chunks = 0
+        self._bytes = 0
+        self._messages = 0
+        self._end_ns = 0
+
+    def __str__(self) -> str:
+        skipped = f", {self.left_out} left out" if self.left_out else ""
+        return f"{self._chunks} whole chunks{skipped}, up to {self._end_ns / 1e9:.2f} s"
+
+    def unpack(self, chunk: Chunk) -> list[McapRecord]:
+        """Return the records in a chunk, none of a damaged one.
+
+        Raises:
+            LogError: with this chunk the log is larger than can be read.
+        """
+        self._bytes += chunk.uncompressed_size
+        if self._bytes > self._limit_bytes:
+            raise LogError(
+                f"{self._path}: declares {self._bytes} bytes of messages or more, at most "
+                f"{self._limit_bytes} are read from {self._size_bytes}"
+            )
+        try:
+            records = _unpacked(chunk)
+        except _DAMAGE:
+            self.left_out += 1
+            return []
+
+        self._chunks += 1
+        self._end_ns = max(self._end_ns, chunk.message_end_time)
+        self._messages += len(records)
+        if self._messages > _MOST_MESSAGES:
+            raise LogError(f"{self._path}: more than {_MOST_MESSAGES} messages, the limit")
+        return records
 
 
 def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
@@ -111,59 +155,36 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
     """
     path = log_path(path)
     data = _bytes(path)
-    limit = min(_MOST_BYTES, max(_SMALL_BYTES, _MOST_RATIO * len(data)))
-    chunks = 0
-    left_out = 0
-    unpacked = 0
-    count = 0
-    last_ns = 0
-
-    found = _Found()
+    found = _Found(is_read)
+    extent = _Extent(path, len(data))
     faults: list[str] = []
     ends = 0  # of the sections of data and summary
     stream = io.BytesIO(data)
     try:
         for record in StreamReader(stream, emit_chunks=True).records:
-            parts = [record]
-            if isinstance(record, Chunk):
-                unpacked += record.uncompressed_size
-                if unpacked > limit:
-                    raise LogError(
-                        f"{path}: declares {unpacked} bytes of messages or more, at most "
-                        f"{limit} are read from {len(data)}"
-                    )
-                try:
-                    parts = _unpacked(record)
-                except _DAMAGE:
-                    left_out += 1
-                    continue
-                chunks += 1
-                last_ns = max(last_ns, record.message_end_time)
-                count += len(parts)
-                if count > _MOST_MESSAGES:
-                    raise LogError(f"{path}: more than {_MOST_MESSAGES} messages, the limit")
-            for part in parts:
-                match part:
-                    case DataEnd(data_section_crc=crc):
-                        ends += 1
-                        if zlib.crc32(memoryview(data)[: stream.tell() - _DATA_END_BYTES]) != crc:
-                            faults.append("checksum of the data section wrong")
-                    case Footer(summary_start=start, summary_crc=crc):
-                        ends += 1
-                        if zlib.crc32(data[start : stream.tell() - _CRC_BYTES]) != crc:
-                            faults.append("checksum of the summary wrong")
-                    case _:
-                        found.take(part, is_read)
+            match record:
+                case Chunk() as chunk:
+                    for part in extent.unpack(chunk):
+                        found.take(part)
+                case DataEnd(data_section_crc=crc):
+                    ends += 1
+                    if zlib.crc32(memoryview(data)[: stream.tell() - _DATA_END_BYTES]) != crc:
+                        faults.append("checksum of the data section wrong")
+                case Footer(summary_start=start, summary_crc=crc):
+                    ends += 1
+                    if zlib.crc32(data[start : stream.tell() - _CRC_BYTES]) != crc:
+                        faults.append("checksum of the summary wrong")
+                case _:
+                    found.take(record)
     except (EndOfFile, struct.error):
         faults.append("truncated")
     except _DAMAGE as error:
         faults.append(f"damaged: {error}")
-    if left_out or ends != 2:
+    if extent.left_out or ends != 2:
         faults.append("damaged")
-    skipped = f", {left_out} left out" if left_out else ""
-    salvage = f"{chunks} whole chunks{skipped}, up to {last_ns / 1e9:.2f} s; "
-    salvage = salvage + faults[0] if faults else ""
+
     _check_format(path, found.metadata)
+    salvage = f"{extent}; {faults[0]}" if faults else ""
     return Content(path, found.metadata, found.attachments, found.topics, found.messages, salvage)
 
 
