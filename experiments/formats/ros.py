@@ -81,24 +81,14 @@ def _choose(types: Mapping[str, str], mapping: FormatMap) -> tuple[dict[str, str
 
     Of several topics for a role that with a usual name is taken, then that with the shortest one.
     """
-    for role, topic in mapping.topics.items():
-        if role.removeprefix("trailer_") not in _VALUES:
-            raise UnreadableFile(
-                f"map: topics.{role}: must be one of {', '.join(_VALUES)}, or with trailer_ before"
-            )
-        if topic not in types:
-            raise UnreadableFile(f"map: topics.{role}: no topic {topic}; has {_shown(types)}")
+    _check_topics(types, mapping)
     chosen = {topic: role for role, topic in mapping.topics.items()}
     left_out = []
     ranks = {topic: (topic.rpartition("/")[2] not in _USUAL, len(topic), topic) for topic in types}
     for topic in sorted(types, key=ranks.__getitem__):
-        role = _ROLES.get(types[topic])
+        role = _role(topic, types[topic])
         if role is None or topic in chosen:
             continue
-        if role == "joint_states" and any(word in topic for word in _COMMANDS):
-            role = "commands"
-        elif any(word in topic for word in _TRAILER) and role != "joint_states":
-            role = f"trailer_{role}"
         if role in chosen.values():
             left_out.append(topic)
         else:
@@ -112,6 +102,27 @@ def _choose(types: Mapping[str, str], mapping: FormatMap) -> tuple[dict[str, str
     if left_out:
         notes.append(f"not read: {', '.join(left_out)}; [topics] of a map chooses others")
     return chosen, tuple(notes)
+
+
+def _check_topics(types: Mapping[str, str], mapping: FormatMap) -> None:
+    """Refuse a map that names an unknown role, or a topic that the bag does not have."""
+    for role, topic in mapping.topics.items():
+        if role.removeprefix("trailer_") not in _VALUES:
+            raise UnreadableFile(
+                f"map: topics.{role}: must be one of {', '.join(_VALUES)}, or with trailer_ before"
+            )
+        if topic not in types:
+            raise UnreadableFile(f"map: topics.{role}: no topic {topic}; has {_shown(types)}")
+
+
+def _role(topic: str, kind: str) -> str | None:
+    """Return the role of a topic by its type of message and its name, None of other types."""
+    role = _ROLES.get(kind)
+    if role is None:
+        return None
+    if role == "joint_states":
+        return "commands" if any(word in topic for word in _COMMANDS) else role
+    return f"trailer_{role}" if any(word in topic for word in _TRAILER) else role
 
 
 def _shown(types: Mapping[str, str]) -> str:

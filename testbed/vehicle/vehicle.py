@@ -278,39 +278,50 @@ def knuckle_angle(delta: FloatArray, wheelbase: float, kingpin_y: float) -> Floa
 
 def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
     """Yield the key and the problem of every impossible number."""
-    yield from _problems_of_parts(vehicle)
-    yield from _problems_between_parts(vehicle)
+    yield from _problems_of_wheels(vehicle)
+    yield from _problems_of_masses(vehicle)
+    yield from _problems_of_loads(vehicle)
+    yield from _problems_of_steering(vehicle)
+    yield from _problems_of_drawbar(vehicle)
+    yield from _problems_of_box(vehicle)
 
 
-def _problems_of_parts(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
-    """Yield key and problem of wheels, masses and axle loads."""
+def _problems_of_wheels(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    """Yield key and problem of wheels that are no wheels, or that overlap."""
     tractor = vehicle.tractor
     axle = vehicle.front_axle
-    trailer = vehicle.trailer
-    behind = vehicle.trailer_behind_m
     front, rear, towed = vehicle.wheels.values()
     for pair, wheel in vehicle.wheels.items():
         if wheel.section_height_m >= wheel.radius_m:
             limit = f"must be below radius_m = {wheel.radius_m}, or there is no rim"
             yield f"{pair}_wheel.section_height_m", limit
+
     for key, track, wheel in (
         ("front_axle.track_m", axle.track_m, front),
         ("tractor.rear_track_m", tractor.rear_track_m, rear),
-        ("trailer.track_m", trailer.track_m, towed),
+        ("trailer.track_m", vehicle.trailer.track_m, towed),
     ):
         if track <= wheel.width_m:
             yield key, f"narrower than a tyre of {wheel.width_m} m, its wheels overlap"
     if axle.kingpin_track_m >= axle.track_m:
         reason = f"the kingpins must stand inside the wheels, track_m = {axle.track_m}"
         yield "front_axle.kingpin_track_m", reason
+
     if tractor.wheelbase_m <= (radii := front.radius_m + rear.radius_m):
         yield "tractor.wheelbase_m", f"front and rear wheels overlap, must be above {radii:.3f}"
+    behind = vehicle.trailer_behind_m
     if behind <= (radii := rear.radius_m + towed.radius_m):
         reason = f"its wheels overlap the tractor's; must be above {radii:.3f} m"
         yield "trailer.length_m", f"trailer axle {behind:.3f} m behind the rear axle, {reason}"
+
+
+def _problems_of_masses(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    """Yield key and problem of masses and moments of inertia that no body has."""
+    front, rear, towed = vehicle.wheels.values()
+    beside_chassis_kg = vehicle.front_axle.mass_kg + 2.0 * (front.mass_kg + rear.mass_kg)
     for name, whole, parts in (
-        ("tractor", tractor, axle.mass_kg + 2.0 * (front.mass_kg + rear.mass_kg)),
-        ("trailer", trailer, 2.0 * towed.mass_kg),
+        ("tractor", vehicle.tractor, beside_chassis_kg),
+        ("trailer", vehicle.trailer, 2.0 * towed.mass_kg),
     ):
         if whole.mass_kg <= parts:
             reason = f"masses do not add up, axles and wheels alone weigh {parts:g} kg"
@@ -319,6 +330,10 @@ def _problems_of_parts(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
         if inertia is not None and 2.0 * max(inertia) > sum(inertia):
             reason = "no body has one moment of inertia above the sum of the others"
             yield f"{name}.chassis_inertia_kgm2", reason
+
+
+def _problems_of_loads(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    """Yield key and problem of axles that carry nothing, and of a front that is too light."""
     loads = AxleLoads.of(vehicle)
     places = "trailer.centre_forward_m, load.forward_m"
     if loads.pin < 0.0:
@@ -332,33 +347,35 @@ def _problems_of_parts(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
             yield "tractor.centre_forward_m", f"the {name} axle carries {reason}"
 
 
-def _problems_between_parts(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
-    """Yield key and problem of parts that touch each other."""
+def _problems_of_steering(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    """Yield key and problem of the inner wheel at the steering limit."""
     tractor = vehicle.tractor
     axle = vehicle.front_axle
-    trailer = vehicle.trailer
-    hitch = vehicle.hitch
-    box = vehicle.box
-    load = vehicle.load
-    behind = vehicle.trailer_behind_m
-    front, rear, towed = vehicle.wheels.values()
-
-    # the inner wheel at the steering limit
+    front = vehicle.front_wheel
     kingpin = 0.5 * axle.kingpin_track_m
-    angle = np.radians(vehicle.front_steering.limit_deg)
-    angle = float(knuckle_angle(angle, tractor.wheelbase_m, kingpin))
+    limit = np.radians(vehicle.front_steering.limit_deg)
+    angle = float(knuckle_angle(limit, tractor.wheelbase_m, kingpin))
     if angle > math.radians(_WIDEST_KNUCKLE_DEG):
         reason = f"{math.degrees(angle):.0f} deg, at most {_WIDEST_KNUCKLE_DEG:g} deg are allowed"
         yield "front_steering.limit_deg", f"the inner wheel would turn by {reason}"
+
     arm = 0.5 * (axle.track_m - axle.kingpin_track_m) - 0.5 * front.width_m
     edge = kingpin + arm * math.cos(angle) - front.radius_m * math.sin(angle)
     if edge <= 0.5 * tractor.engine_width_m:
         reason = f"touches the body, tractor.engine_width_m = {tractor.engine_width_m}"
         where = f"the inner wheel comes {edge:.3f} m near to the middle and"
         yield "front_steering.limit_deg", f"{where} {reason}"
-    # the drawbar, as a line, between the rear wheels: half the length of a wheel at the height of
-    # the hitch, and what of it stands behind the hitch; above the wheels a drawbar is free of them
-    inside = 0.5 * (tractor.rear_track_m - rear.width_m)
+
+
+def _problems_of_drawbar(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    """Yield key and problem of a drawbar, as a line, between the rear wheels.
+
+    Beside it stands half the length of a wheel at the height of the hitch, less what of the
+    drawbar is behind the hitch. A drawbar above the wheels is free of them.
+    """
+    hitch = vehicle.hitch
+    rear = vehicle.rear_wheel
+    inside = 0.5 * (vehicle.tractor.rear_track_m - rear.width_m)
     above = hitch.height_m >= 2.0 * rear.radius_m
     chord = math.sqrt(max(0.0, rear.radius_m**2 - (hitch.height_m - rear.radius_m) ** 2))
     beside = -math.inf if above else chord - hitch.offset_m
@@ -370,13 +387,22 @@ def _problems_between_parts(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
         reason = f"the drawbar meets the rear wheels at {largest:.0f} deg; lower it, or a hitch"
         where = f"hitched {hitch.offset_m} m behind the axle {reason}"
         yield "hitch.yaw_limit_deg", f"{where} above them (height_m >= {2.0 * rear.radius_m:g})"
-    between = trailer.track_m - towed.width_m
+
+
+def _problems_of_box(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    """Yield key and problem of a box that wheels reach into, and of a load outside of it."""
+    box = vehicle.box
+    load = vehicle.load
+    rear = vehicle.rear_wheel
+    towed = vehicle.trailer_wheel
+    between = vehicle.trailer.track_m - towed.width_m
     top = 2.0 * towed.radius_m
     if box.floor_m <= top and box.width_m > between:
         reason = f"must be above {top} or the box narrower than {between:.3f} m"
         yield "box.floor_m", f"the wheels reach through the floor, {reason}"
-    if behind - box.forward_m - 0.5 * box.length_m <= rear.radius_m:
+    if vehicle.trailer_behind_m - box.forward_m - 0.5 * box.length_m <= rear.radius_m:
         yield "box.forward_m", "the box reaches into the tractor's rear wheels"
+
     if load.mass_kg > 0.0 and abs(load.forward_m - box.forward_m) > 0.5 * box.length_m:
         yield "load.forward_m", "the load's centre lies outside the box"
     if load.mass_kg > 0.0 and load.height_m <= box.floor_m:
