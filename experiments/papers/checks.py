@@ -40,8 +40,10 @@ EQUAL: Final = "equal to 1e-9"
 DIFFERS: Final = "differs"
 OUTCOMES: Final = (SAME_BITS, EQUAL, DIFFERS)
 """Results of a check that was driven again, from best to worst."""
-HELD: Final = (SAME_BITS, EQUAL)
-"""Results with which a table needs not be made anew."""
+NO_CHECK: Final = "no check"
+"""State of a table that has none: nobody knows whether it holds."""
+HELD: Final = (SAME_BITS, EQUAL, NO_CHECK)
+"""States in which no check asks for a table to be made anew."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from ..studies.sweep.sweep import sweep
 from ..studies.sweep.work import run_job
 from .checks import (
     HELD,
+    NO_CHECK,
     OUTCOMES,
     SAME_BITS,
     Check,
@@ -215,8 +216,8 @@ def provenance(table: Table, making: Making) -> str:
 def check(tables: Sequence[Table], runner: Runner, out: Path = ROOT) -> Mapping[str, str]:
     """Drive the checks of all tables again and return the state of each by its name.
 
-    States are those of `OUTCOMES` with the worst check where it has not the same bits, "not made",
-    or "other checks".
+    States are those of `OUTCOMES` with the worst check where it has not the same bits, `NO_CHECK`,
+    "not made", or "other checks".
     """
     ledger = read_ledger(out)
     made = [table for table in tables if table.name in ledger]
@@ -225,7 +226,7 @@ def check(tables: Sequence[Table], runner: Runner, out: Path = ROOT) -> Mapping[
 
 
 def holds(state: str) -> bool:
-    """Return whether a table in a state of `check` needs not be made anew."""
+    """Return whether no check asks for a table in a state of `check` to be made anew."""
     return state.startswith(HELD)
 
 
@@ -235,6 +236,8 @@ def _state(table: Table, making: Making | None, now: Mapping[str, Fingerprint]) 
     names = {item.name for item in table.all_checks}
     if other := names ^ making.checks.keys():
         return f"other checks ({min(other)})"
+    if not names:
+        return NO_CHECK
     compared = [(OUTCOMES.index(making.checks[name].compare(now[name])), name) for name in names]
-    worst, name = max(compared, default=(0, ""))
+    worst, name = max(compared)
     return f"{OUTCOMES[worst]} ({name})" if worst else SAME_BITS

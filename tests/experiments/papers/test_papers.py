@@ -113,6 +113,13 @@ def test_another_processor_is_told_from_another_figure():
     assert here.compare(Fingerprint("a", (1.0, 2.1))) == "differs"  # another error of equal states
 
 
+def test_of_a_table_without_checks_nobody_claims_that_it_has_the_same_bits(out):
+    table = made_up(checks=())
+    runner = Runner(out / "rows", workers=0)
+    list(write_tables([table], runner, out))
+    assert check([table], runner, out) == {"made-up": "no check"}
+
+
 def test_a_table_is_written_into_its_page_and_a_changed_plant_makes_it_stale(out, short):
     table = made_up()
     assert list(write_tables([table], Runner(out / "rows", workers=0), out)) == [table]
