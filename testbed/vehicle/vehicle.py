@@ -318,9 +318,9 @@ def _problems_of_wheels(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
 def _problems_of_masses(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
     """Yield key and problem of masses and moments of inertia that no body has."""
     front, rear, towed = vehicle.wheels.values()
-    beside_chassis_kg = vehicle.front_axle.mass_kg + 2.0 * (front.mass_kg + rear.mass_kg)
+    axles_and_wheels_kg = vehicle.front_axle.mass_kg + 2.0 * (front.mass_kg + rear.mass_kg)
     for name, whole, parts in (
-        ("tractor", vehicle.tractor, beside_chassis_kg),
+        ("tractor", vehicle.tractor, axles_and_wheels_kg),
         ("trailer", vehicle.trailer, 2.0 * towed.mass_kg),
     ):
         if whole.mass_kg <= parts:
@@ -370,15 +370,15 @@ def _problems_of_steering(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
 def _problems_of_drawbar(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
     """Yield key and problem of a drawbar, as a line, between the rear wheels.
 
-    Beside it stands half the length of a wheel at the height of the hitch, less what of the
-    drawbar is behind the hitch. A drawbar above the wheels is free of them.
+    At the height of the hitch a wheel reaches half a chord behind the axle. The drawbar begins at
+    the hitch, so that the rest of this lies beside it; above the wheels it is free of them.
     """
     hitch = vehicle.hitch
     rear = vehicle.rear_wheel
     inside = 0.5 * (vehicle.tractor.rear_track_m - rear.width_m)
     above = hitch.height_m >= 2.0 * rear.radius_m
-    chord = math.sqrt(max(0.0, rear.radius_m**2 - (hitch.height_m - rear.radius_m) ** 2))
-    beside = -math.inf if above else chord - hitch.offset_m
+    half_chord = math.sqrt(max(0.0, rear.radius_m**2 - (hitch.height_m - rear.radius_m) ** 2))
+    beside = -math.inf if above else half_chord - hitch.offset_m
     if vehicle.drawbar.length_m <= beside:
         reason = f"the drawbar ends between the rear wheels, must be above {beside:.3f}"
         yield "drawbar.length_m", reason
