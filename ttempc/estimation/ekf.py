@@ -51,7 +51,7 @@ class ExtendedKalmanFilter(Estimator):
     filter may be wrong: it then accepts the samples, with their noise raised until they just pass.
     Samples that are not finite, older than the memory, from the future or repeated are rejected.
     Samples of sensors that `ttempc.sensors.SENSORS` does not name are ignored. Those of the IMUs
-    also correct antenna positions, see `ttempc.learning.lengths.axle_points`.
+    also correct antenna positions, see `ttempc.learning.replay.axle_points`.
 
     Each input of a command acts after its own dead time (`Vehicle.dead_times`). After a gap without
     updates and samples the filter starts anew, see `observe_filter`, at a cost that does not depend

@@ -22,7 +22,7 @@ from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.filter.sample import turned
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.layout import sample_rows
-from ttempc.learning.lengths import axle_points
+from ttempc.learning.replay import axle_points
 from ttempc.models import augmented_state, measurement
 from ttempc.models.augmented_state import SIZE, STATES, AugmentedState
 from ttempc.sensors import ROW_OF, STARTING_SENSORS
