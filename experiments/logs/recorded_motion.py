@@ -1,7 +1,7 @@
 """Motion of a vehicle from a foreign record: states on a grid of times."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -81,48 +81,49 @@ def recorded_motion(
             "map: point = 'implement' has no place of the tractor; a record of both has columns "
             "trailer_x_m, trailer_y_m for the implement"
         )
-    times = columns["time_s"]
-    kept = np.isfinite(points).all(axis=1)
-    at_s, place = _unique(times[kept], points[kept])
-    grid, usual_s = _grid_of(at_s)
-    step_s = grid[1] - grid[0]
-    computed: list[str] = []
+    at_s, place = _known(columns["time_s"], points)
+    times, usual_s = _grid_of(at_s)
+    record = _Gridded(columns, times)
 
-    x_m, y_m = _between(grid, at_s, place, usual_s)
-    speed = _speed(columns, grid, x_m, y_m, usual_s, computed)
+    # Track of the tractor
+    x_m, y_m = _between(times, at_s, place, usual_s)
+    speed = _speed(record, x_m, y_m, usual_s)
+    width = max(_SMOOTH_S, usual_s) / record.step_s
     spacing_m = float(np.median(np.hypot(*np.diff(place, axis=0).T)))
-    reach_m = max(_COURSE_M, spacing_m)
-    width = max(_SMOOTH_S, usual_s) / step_s
-    smooth = gaussian_filter1d(x_m, width), gaussian_filter1d(y_m, width)
-    psi_t = _yaw(columns, grid, *smooth, speed, reach_m, computed)
-    if point == "antenna":
-        cos = np.cos(psi_t)
-        sin = np.sin(psi_t)
-        x_m = x_m - cos * antenna_m[0] + sin * antenna_m[1]
-        y_m = y_m - sin * antenna_m[0] - cos * antenna_m[1]
-    yaw_rate = _sampled(columns, "yaw_rate_radps", grid)
+    psi_t = _yaw(
+        record,
+        gaussian_filter1d(x_m, width),
+        gaussian_filter1d(y_m, width),
+        speed,
+        max(_COURSE_M, spacing_m),
+    )
+    yaw_rate = record.column("yaw_rate_radps")
     if yaw_rate is None:
-        yaw_rate = gaussian_filter1d(np.gradient(psi_t, step_s), width)
-    delta_t = _sampled(columns, "steering_rad", grid)
+        yaw_rate = gaussian_filter1d(np.gradient(psi_t, record.step_s), width)
+    if point == "antenna":
+        x_m, y_m = _below_antenna(x_m, y_m, psi_t, antenna_m)
+
+    # Steering
+    delta_t = record.column("steering_rad")
     if delta_t is None:
-        computed.append("steering_tractor")
+        record.computed.append("steering_tractor")
         delta_t = _steering(vehicle, speed, yaw_rate)
-    delta_i = _sampled(columns, "trailer_steering_rad", grid)
+    delta_i = record.column("trailer_steering_rad")
     if delta_i is None:
-        computed.append("steering_trailer")
-        delta_i = np.zeros(len(grid))
-    psi_i = _trailer_yaw(columns, grid, psi_t, delta_i, speed, yaw_rate, vehicle, computed)
-    psi_d = psi_i + delta_i
-    lengths = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
-    headings = psi_t, psi_d, psi_i
-    x_i = x_m - sum(a * np.cos(psi) for a, psi in zip(lengths, headings, strict=True))
-    y_i = y_m - sum(a * np.sin(psi) for a, psi in zip(lengths, headings, strict=True))
+        record.computed.append("steering_trailer")
+        delta_i = np.zeros(len(times))
+
+    # Trailer
+    psi_i = _trailer_yaw(record, psi_t, delta_i, speed, yaw_rate, vehicle)
     if trailer_points is None:
-        computed.append("gnss_trailer")
+        record.computed.append("gnss_trailer")
+        x_i, y_i = _behind(x_m, y_m, (psi_t, psi_i + delta_i, psi_i), vehicle)
     else:
-        x_i, y_i = _linear(grid, times, trailer_points)
+        trailer_s, trailer = _known(columns["time_s"], trailer_points)
+        x_i = np.interp(times, trailer_s, trailer[:, 0])
+        y_i = np.interp(times, trailer_s, trailer[:, 1])
     return RecordedMotion(
-        time_s=grid,
+        time_s=times,
         x_t=x_m,
         y_t=y_m,
         psi_t=psi_t,
@@ -133,8 +134,31 @@ def recorded_motion(
         delta_i=delta_i,
         speed=speed,
         yaw_rate=yaw_rate,
-        computed=tuple(computed),
+        computed=tuple(record.computed),
     )
+
+
+class _Gridded:
+    """Columns of a record at the times of a grid, and what had to be computed for want of one."""
+
+    def __init__(self, columns: Mapping[str, FloatArray], time_s: FloatArray) -> None:
+        self._columns = columns
+        self.time_s = time_s
+        self.step_s = time_s[1] - time_s[0]
+        self.computed: list[str] = []  # names of quantities
+
+    def column(self, name: str) -> FloatArray | None:
+        """Return a column at the times of the grid, None where it is not recorded."""
+        samples = samples_of(self._columns, name)
+        return None if samples is None else np.interp(self.time_s, *samples)
+
+    def angle(self, name: str) -> FloatArray | None:
+        """Return a column of angles as `column`, without the jumps of whole turns."""
+        samples = samples_of(self._columns, name)
+        if samples is None:
+            return None
+        times, angles = samples
+        return np.interp(self.time_s, times, np.unwrap(angles))
 
 
 def _grid_of(times: FloatArray) -> tuple[FloatArray, float]:
@@ -183,13 +207,30 @@ def _between(
     return x_m, y_m
 
 
-def _linear(
-    grid: FloatArray, times: FloatArray, points: FloatArray
+def _below_antenna(
+    x_m: FloatArray, y_m: FloatArray, psi_t: FloatArray, antenna_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return places between samples, some of which may be NaN."""
+    """Return the places of the tractor point from those of an antenna ahead and left of it."""
+    cos = np.cos(psi_t)
+    sin = np.sin(psi_t)
+    ahead, left, _ = antenna_m
+    return x_m - cos * ahead + sin * left, y_m - sin * ahead - cos * left
+
+
+def _behind(
+    x_m: FloatArray, y_m: FloatArray, headings: Sequence[FloatArray], vehicle: Vehicle
+) -> tuple[FloatArray, FloatArray]:
+    """Return the trailer point behind the tractor point; yaw of tractor, drawbar and trailer."""
+    lengths = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    east = sum(a * np.cos(psi) for a, psi in zip(lengths, headings, strict=True))
+    north = sum(a * np.sin(psi) for a, psi in zip(lengths, headings, strict=True))
+    return x_m - east, y_m - north
+
+
+def _known(times: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return times and places (n, 2) of the samples without NaN, by time."""
     kept = np.isfinite(points).all(axis=1)
-    at_s, place = _unique(times[kept], points[kept])
-    return np.interp(grid, at_s, place[:, 0]), np.interp(grid, at_s, place[:, 1])
+    return _unique(times[kept], points[kept])
 
 
 def _unique(times: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -209,59 +250,36 @@ def samples_of(
     return (times, values) if len(times) > 1 else None
 
 
-def _sampled(
-    columns: Mapping[str, FloatArray], name: str, grid: FloatArray, *, angle: bool = False
-) -> FloatArray | None:
-    """Return a column at the times of the grid, None where it is not recorded."""
-    samples = samples_of(columns, name)
-    if samples is None:
-        return None
-    times, values = samples
-    return np.interp(grid, times, np.unwrap(values) if angle else values)
-
-
-def _speed(
-    columns: Mapping[str, FloatArray],
-    grid: FloatArray,
-    x_m: FloatArray,
-    y_m: FloatArray,
-    usual_s: float,
-    computed: list[str],
-) -> FloatArray:
+def _speed(record: _Gridded, x_m: FloatArray, y_m: FloatArray, usual_s: float) -> FloatArray:
     """Return the speed: the recorded one, else that of the track."""
-    for name in ("speed_mps", "wheel_speed_mps"):
-        speed = _sampled(columns, name, grid)
-        if speed is not None:
-            if name == "speed_mps" and "wheel_speed_mps" not in columns:
-                computed.append("encoder")
-            return speed
-    computed.append("encoder")
-    step_s = grid[1] - grid[0]
+    over_ground = record.column("speed_mps")
+    of_wheels = record.column("wheel_speed_mps")
+    if of_wheels is None:
+        record.computed.append("encoder")
+    for recorded in (over_ground, of_wheels):
+        if recorded is not None:
+            return recorded
+
     # positions of a receiver have centimetres of noise, stamps of slow records seconds
-    width = max(1, round(max(0.5, usual_s) / step_s))
-    ahead = np.minimum(np.arange(len(grid)) + width, len(grid) - 1)
-    behind = np.maximum(np.arange(len(grid)) - width, 0)
+    times = record.time_s
+    width = max(1, round(max(0.5, usual_s) / record.step_s))
+    ahead = np.minimum(np.arange(len(times)) + width, len(times) - 1)
+    behind = np.maximum(np.arange(len(times)) - width, 0)
     way = np.hypot(x_m[ahead] - x_m[behind], y_m[ahead] - y_m[behind])
-    return way / (grid[ahead] - grid[behind])
+    return way / (times[ahead] - times[behind])
 
 
 def _yaw(
-    columns: Mapping[str, FloatArray],
-    grid: FloatArray,
-    x_m: FloatArray,
-    y_m: FloatArray,
-    speed: FloatArray,
-    reach_m: float,
-    computed: list[str],
+    record: _Gridded, x_m: FloatArray, y_m: FloatArray, speed: FloatArray, reach_m: float
 ) -> FloatArray:
     """Return the heading: that of a pose or a compass, else the course over ground."""
     for name in ("pose_yaw_rad", "yaw_rad"):
-        yaw = _sampled(columns, name, grid, angle=True)
+        yaw = record.angle(name)
         if yaw is not None:
             return yaw
-    computed.append("heading")
+    record.computed.append("heading")
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x_m), np.diff(y_m)))])
-    ahead = np.minimum(np.searchsorted(way, way + reach_m), len(grid) - 1)
+    ahead = np.minimum(np.searchsorted(way, way + reach_m), len(way) - 1)
     behind = np.maximum(np.searchsorted(way, way - reach_m) - 1, 0)
     east = x_m[ahead] - x_m[behind]
     north = y_m[ahead] - y_m[behind]
@@ -270,18 +288,17 @@ def _yaw(
     known = (np.hypot(east, north) > 0.5 * reach_m) & (np.abs(speed) > _STANDS_MPS)
     if not known.any():
         raise UnreadableFile("has no heading, and moves too little for a course")
-    return np.interp(grid, grid[known], np.unwrap(course[known]))
+    times = record.time_s
+    return np.interp(times, times[known], np.unwrap(course[known]))
 
 
 def _trailer_yaw(
-    columns: Mapping[str, FloatArray],
-    grid: FloatArray,
+    record: _Gridded,
     psi_t: FloatArray,
     delta_i: FloatArray,
     speed: FloatArray,
     yaw_rate: FloatArray,
     vehicle: Vehicle,
-    computed: list[str],
 ) -> FloatArray:
     """Return the heading of the trailer: measured by itself or at the hitch, else as it follows.
 
@@ -290,24 +307,26 @@ def _trailer_yaw(
         psi_i' = (v sin(lambda) - a psi_t' cos(lambda) - d delta_i' cos(delta_i))
                  / (L_i + d cos(delta_i)).
     """
-    hitch = _sampled(columns, "hitch_rad", grid, angle=True)
+    hitch = record.angle("hitch_rad")
     if hitch is None:
-        computed.append("hitch")
+        record.computed.append("hitch")
     for name in ("trailer_pose_yaw_rad", "trailer_yaw_rad"):
-        yaw = _sampled(columns, name, grid, angle=True)
+        yaw = record.angle(name)
         if yaw is not None:
             turns = np.round((psi_t[0] - yaw[0]) / math.tau)
             return yaw + math.tau * turns
     if hitch is not None:
         return psi_t - hitch - delta_i
+
+    # Neither is measured: integrate how it follows
     a = vehicle.hitch_offset
     d = vehicle.drawbar_length
     length = vehicle.trailer_length
-    step_s = grid[1] - grid[0]
+    step_s = record.step_s
     rate_i = np.gradient(delta_i, step_s)
-    psi_i = np.empty(len(grid))
+    psi_i = np.empty(len(psi_t))
     psi_i[0] = psi_t[0] - delta_i[0]
-    for k in range(len(grid) - 1):
+    for k in range(len(psi_t) - 1):
         lam = psi_t[k] - psi_i[k]
         across = speed[k] * math.sin(lam) - a * yaw_rate[k] * math.cos(lam)
         across -= d * rate_i[k] * math.cos(delta_i[k])
