@@ -35,6 +35,7 @@ _LENGTH_M: Final = 100.0  # of a pass in the standard
 _SPEEDS_MPS: Final = (0.1, 2.5, 5.0)  # of the standard
 _SPEED_BAND: Final = (0.05, 0.2, 0.2)
 _SHORT_TERM_S: Final = 900.0  # between passes whose relative error is called short-term
+_SAME_TIME_S: Final = 1e-9  # times this close are the same
 _LEVEL_RAD: Final = 0.03  # assumed: roll or pitch up to which ground counts as level
 
 
@@ -94,49 +95,58 @@ def passes(record: Record) -> list[Pass]:
         raise InvalidReplay("record: has no states")
     points = state.columns("x_t_m", "y_t_m")
     yaw = np.unwrap(state["psi_t_rad"])
-    reference = record[REFERENCE]
-    rows = np.searchsorted(reference.time_s, state.time_s - 1e-9)
-    known = rows < len(reference)
-    headings = np.full(len(state), np.nan)
-    lines = np.full((len(state), 2), np.nan)
-    if len(reference):
-        headings[known] = reference["psi_t_rad"][rows[known]]
-        lines[known] = reference.columns("x_t_m", "y_t_m")[rows[known]]
+    headings, origins = _reference_lines(record)
     tilt = np.maximum(np.abs(state["roll_t_rad"]), np.abs(state["pitch_t_rad"]))
     found: list[Pass] = []
     for begin, end in _straight_parts(state.time_s, points, yaw):
-        part = slice(begin, end)
-        given = np.isfinite(headings[part]).all()
-        heading, origin = _line(points[part], yaw[part], found)
-        if given:
-            middle = 0.5 * (begin + end)
-            heading = float(headings[int(middle)])
-            origin = lines[int(middle)]
-        ahead = np.array([math.cos(heading), math.sin(heading)])
-        offset = points[part] - origin
-        along = offset @ ahead
-        cross = offset @ np.array([-ahead[1], ahead[0]])
-        backwards = along[-1] < along[0]
-        order = np.argsort(-along if backwards else along, kind="stable")
-        rising = np.maximum.accumulate(along[np.argsort(along)])
-        stations = np.arange(rising[0], rising[-1], _STATION_M)
-        if backwards:
-            order = order[::-1]
-        errors = np.interp(stations, along[order], cross[order])
+        rows = slice(begin, end)
+        if np.isfinite(headings[rows]).all():
+            middle = (begin + end) // 2
+            heading = float(headings[middle])
+            origin = origins[middle]
+        else:
+            heading, origin = _line(points[rows], yaw[rows], found)
+        along, cross = _along_line(points[rows], heading, origin)
+        stations = np.arange(along[0], along[-1], _STATION_M)
         duration_s = state.time_s[end - 1] - state.time_s[begin]
         found.append(
             Pass(
                 begin_s=float(state.time_s[begin]),
                 end_s=float(state.time_s[end - 1]),
                 heading=heading,
-                speed_mps=float((rising[-1] - rising[0]) / duration_s),
+                speed_mps=float((along[-1] - along[0]) / duration_s),
                 origin=origin,
                 along=stations,
-                cross=errors,
-                level=bool(np.median(tilt[part]) < _LEVEL_RAD),
+                cross=np.interp(stations, along, cross),
+                level=bool(np.median(tilt[rows]) < _LEVEL_RAD),
             )
         )
     return found
+
+
+def _reference_lines(record: Record) -> tuple[FloatArray, FloatArray]:
+    """Return heading (n,) and a point (n, 2) of the reference at each state, NaN without one."""
+    time_s = record[STATE].time_s
+    reference = record[REFERENCE]
+    headings = np.full(len(time_s), np.nan)
+    origins = np.full((len(time_s), 2), np.nan)
+    rows = np.searchsorted(reference.time_s, time_s - _SAME_TIME_S)
+    known = rows < len(reference)
+    headings[known] = reference["psi_t_rad"][rows[known]]
+    origins[known] = reference.columns("x_t_m", "y_t_m")[rows[known]]
+    return headings, origins
+
+
+def _along_line(
+    points: FloatArray, heading: float, origin: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return places along a line, rising, and the distances of points to the left of it [m]."""
+    ahead = np.array([math.cos(heading), math.sin(heading)])
+    offset = points - origin
+    along = offset @ ahead
+    cross = offset @ np.array([-ahead[1], ahead[0]])
+    order = np.argsort(along, kind="stable")
+    return along[order], cross[order]
 
 
 def _straight_parts(
