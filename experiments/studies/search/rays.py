@@ -25,7 +25,7 @@ from ...errors import SweepStopped
 from ...output import write_file
 from ...scenario.scenario import Scenario
 from ..sweep.engine import Engine
-from ..sweep.plan import SweepPlan
+from ..sweep.plan import Setting, SweepPlan
 from ..sweep.row import Row, has_failed, working_error
 from ..sweep.study import Scalar
 from ..sweep.sweep import drive_plan, points_plan
@@ -128,6 +128,12 @@ def bisect(
     return rays
 
 
+def least_severe(rays: Sequence[Ray]) -> int | None:
+    """Return the number of the ray that fails at the least severity; None if all hold."""
+    failing = [k for k, ray in enumerate(rays) if ray.fails is not None]
+    return min(failing, key=lambda k: rays[k].fails or 0.0, default=None)
+
+
 @dataclass(frozen=True)
 class Report:
     """Content of `rays.json`."""
@@ -144,8 +150,7 @@ class Report:
     @property
     def least(self) -> int | None:
         """Number of the ray that fails at the least severity; None if all hold."""
-        failing = [k for k, ray in enumerate(self.rays) if ray.fails is not None]
-        return min(failing, key=lambda k: self.rays[k].fails or 0.0, default=None)
+        return least_severe(self.rays)
 
     def survived(self, severity: float) -> int:
         """Return how many rays hold at a severity, up to the width of the bisection."""
@@ -184,49 +189,74 @@ def search_rays(
     """
     space = subject.space
     far = ends(space, count, seed)
-    step = 0
+    driver = _Driver(subject, engine, seed, folder, on_run)
+    nominal = driver.setting(space.nominal)
+    specification = Specification.of(nominal.scenario, limit_m)
 
-    def at(ray: int, severity: float) -> FloatArray:
+    def point(ray: int, severity: float) -> FloatArray:
         share = np.where(space.counted > 0.0, severity, 1.0)
         return space.nominal + share * (far[ray] - space.nominal)
 
-    def plan(points: Sequence[FloatArray]) -> SweepPlan:
-        changes = [space.changes(point) for point in points]
-        return points_plan(subject.scenario, changes, subject.settings, [seed])
+    def failures(points: Sequence[FloatArray]) -> list[str | None]:
+        rows = driver.drive(points)
+        return [None if row is None else specification.failure(row) for row in rows]
 
-    def drive(points: Sequence[FloatArray]) -> list[str | None]:
-        nonlocal step
-        place = folder and folder / "steps" / f"{step:03d}"
-        step += 1
-        driven = drive_plan(plan(points), engine, place)
-        for _ in points:
-            on_run()
-        return [
-            specification.failure(rows[0]) if rows and rows[0]["status"] not in _ERRORS else None
-            for rows in driven
-        ]
-
-    nominal = plan([space.nominal])
-    found = nominal.setting(space.changes(space.nominal))
-    specification = Specification.of(found.scenario, limit_m)
-    (failure,) = drive([space.nominal])
+    (failure,) = failures([space.nominal])
     if failure or failure is None:
         raise SweepStopped(f"nominal run: {failure or 'refused, or raised an error'}")
-    rays = bisect(lambda asked: drive([at(*one) for one in asked]), count)
+    rays = bisect(lambda asked: failures([point(*one) for one in asked]), count)
+
+    # The worst that is shown: the least severe failure, without a failure the nominal run
+    worst = space.nominal
+    least = least_severe(rays)
+    if least is not None:
+        worst = point(least, rays[least].fails or 0.0)
     report = Report(
-        scenario=found.name,
-        controller=found.scenario.controller.name,
+        scenario=nominal.name,
+        controller=nominal.scenario.controller.name,
         seed=seed,
         limit_m=limit_m,
         rays=tuple(rays),
-        values=space.changes(space.nominal),
+        values=space.changes(worst),
         versions=versions(),
     )
-    if (least := report.least) is not None:
-        point = at(least, rays[least].fails or 0.0)
-        found = plan([point]).setting(space.changes(point))
-        report = replace(report, values=space.changes(point))
     if folder is not None:
-        write_file(folder / "worst.toml", found.toml)
+        write_file(folder / "worst.toml", driver.setting(worst).toml)
         write_file(folder / "rays.json", report.to_json())
     return report
+
+
+class _Driver:
+    """Drives points of the space of a search, each call as a sweep in a folder of its own."""
+
+    def __init__(
+        self,
+        subject: Subject,
+        engine: Engine,
+        seed: int,
+        folder: Path | None,
+        on_run: Callable[[], object],
+    ) -> None:
+        self._subject = subject
+        self._engine = engine
+        self._seed = seed
+        self._folder = folder
+        self._on_run = on_run
+        self._steps = 0  # calls of `drive` so far
+
+    def setting(self, point: FloatArray) -> Setting:
+        """Return the scenario at a point."""
+        return self._plan([point]).setting(self._subject.space.changes(point))
+
+    def drive(self, points: Sequence[FloatArray]) -> list[Row | None]:
+        """Return the row of each point, None of a run that was refused or raised an error."""
+        place = self._folder and self._folder / "steps" / f"{self._steps:03d}"
+        self._steps += 1
+        driven = drive_plan(self._plan(points), self._engine, place)
+        for _ in points:
+            self._on_run()
+        return [rows[0] if rows and rows[0]["status"] not in _ERRORS else None for rows in driven]
+
+    def _plan(self, points: Sequence[FloatArray]) -> SweepPlan:
+        changes = [self._subject.space.changes(point) for point in points]
+        return points_plan(self._subject.scenario, changes, self._subject.settings, [self._seed])
