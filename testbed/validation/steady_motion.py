@@ -8,7 +8,7 @@ result. The trailer is not steered.
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from scipy.optimize import fsolve
@@ -22,7 +22,10 @@ from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import Tyres, mobility
 from .bench import DRIVEN, TRAILER, bodies, centre_of_mass, wheel_places
 
-_FRONT = ~(DRIVEN | TRAILER)
+_FRONT: Final = ~(DRIVEN | TRAILER)
+_MOST_SLIP: Final = 0.99  # that the search may try
+_SLIP: Final = 0.02  # of the driven wheels where the search starts
+_TRACTION: Final = 0.1  # of a driven wheel over its load, there
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,48 +86,61 @@ def steady_motion(
         side_pull: component of gravity to the left on a side slope [m/s^2].
     """
     lengths = vehicle.lengths
-    tangent = math.tan(delta_t)
-    heading = _wheel_headings(vehicle, tangent)
-    law = vehicle.law
-    bn, m = mobility(law, vehicle.tyres, load, np.full(len(WHEELS), cone_index))
-    pin = np.array([-lengths.hitch_offset, 0.0])
-    half = 0.5 * load[DRIVEN].sum()
+    cone_indices = np.full(len(WHEELS), cone_index)
+    bn, mobility_number = mobility(vehicle.law, vehicle.tyres, load, cone_indices)
+    balance = _Balance(vehicle, delta_t, speed, load, bn, mobility_number, side_pull)
 
-    def imbalance(unknown: FloatArray) -> FloatArray:
+    # From the circle of Ackermann, with slips of slow driving
+    circle = speed * math.tan(delta_t) / lengths.wheelbase
+    behind = lengths.hitch_offset + lengths.drawbar_length + lengths.trailer_length
+    slip = np.where(DRIVEN, _SLIP, vehicle.law.towed_slip(bn))
+    start = [circle, 0.0, circle * behind / speed, _TRACTION, *slip]
+    solution, _, status, _ = fsolve(balance.imbalance, start, full_output=True)
+    if status != 1:
+        return SteadyMotion(math.nan, math.nan, math.nan)
+    return SteadyMotion(*map(float, solution[:3]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Balance:
+    """Balance of a vehicle that circles steadily; arguments as of `steady_motion`."""
+
+    vehicle: Planar
+    delta_t: float
+    speed: float
+    load: FloatArray
+    bn: FloatArray  # mobility numbers of the wheels, both (6,)
+    mobility_number: FloatArray
+    side_pull: float
+
+    def imbalance(self, unknown: FloatArray) -> FloatArray:
+        """Return what is left of forces, moments and torques, over half the driven load, (10,).
+
+        `unknown` are yaw rate, lateral speed, hitch angle, traction of a driven wheel over half the
+        driven load, and the slip of each wheel.
+        """
         yaw_rate, lateral, beta, drive = unknown[:4]
-        slip = np.clip(unknown[4:], -0.99, 0.99)  # (6,)
-        cosine = math.cos(beta)
-        sine = math.sin(beta)
-        turn = np.array([[cosine, sine], [-sine, cosine]])  # trailer's axes to the tractor's
-        place = vehicle.place.copy()
-        place[TRAILER] = pin + (place[TRAILER] - pin) @ turn.T
-        centres = np.array([[x, 0.0] for x in vehicle.centre_x])
-        centres[1] = pin + turn @ (centres[1] - pin)
-        absolute = heading - beta * TRAILER
-        ahead = np.column_stack([np.cos(absolute), np.sin(absolute)])
-        left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+        slip = np.clip(unknown[4:], -_MOST_SLIP, _MOST_SLIP)
+        place, centres = self._bent(beta)
+        half = 0.5 * self.load[DRIVEN].sum()
 
         def velocity(points: FloatArray) -> FloatArray:
             return np.column_stack(
-                [speed - yaw_rate * points[:, 1], lateral + yaw_rate * points[:, 0]]
+                [self.speed - yaw_rate * points[:, 1], lateral + yaw_rate * points[:, 0]]
             )
 
-        moving = velocity(place)
-        along = (moving * ahead).sum(axis=1)
-        across = (moving * left).sum(axis=1)
-        gross = np.where(DRIVEN, drive * half, 0.0)  # open differential: one torque for both
-        sliding = along * np.maximum(slip, 0.0) / (1.0 - np.maximum(slip, 0.0))
-        slip_angle = np.arctan(across / np.maximum(along, sliding))
-        traction, side = law.combined_ratios(bn, m, slip, slip_angle)
-        torque = load * (traction + law.resistance_tyre) - gross
-        side = load * side
-        pull = load * (traction - law.soil_resistance_ratio(bn, slip))
-        force = pull[:, None] * ahead + side[:, None] * left  # (6, 2)
-        # a body that circles steadily accelerates by yaw rate x velocity
+        # Forces on the wheels; an open differential has one torque for both driven ones
+        force, traction = self._wheel_forces(beta, slip, velocity(place))
+        gross = np.where(DRIVEN, drive * half, 0.0)
+        torque = self.load * (traction + self.vehicle.law.resistance_tyre) - gross
+
+        # A body that circles steadily accelerates by yaw rate x velocity
         circling = velocity(centres)
-        inertia = np.array(vehicle.mass)[:, None] * (
-            yaw_rate * np.column_stack([-circling[:, 1], circling[:, 0]]) - [0.0, side_pull]
+        inertia = np.array(self.vehicle.mass)[:, None] * (
+            yaw_rate * np.column_stack([-circling[:, 1], circling[:, 0]]) - [0.0, self.side_pull]
         )
+
+        pin = self._pin
         total = force.sum(axis=0) - inertia.sum(axis=0)
         moment = _moment(place, force) - _moment(centres, inertia)
         about_pin = _moment(place[TRAILER] - pin, force[TRAILER]) - _moment(
@@ -132,16 +148,38 @@ def steady_motion(
         )
         return np.array([*total, moment, about_pin, *torque]) / half
 
-    circle = speed * tangent / lengths.wheelbase
-    behind = lengths.hitch_offset + lengths.drawbar_length + lengths.trailer_length
-    solution, _, status, _ = fsolve(
-        imbalance,
-        [circle, 0.0, circle * behind / speed, 0.1, *np.where(DRIVEN, 0.02, law.towed_slip(bn))],
-        full_output=True,
-    )
-    if status != 1:
-        return SteadyMotion(math.nan, math.nan, math.nan)
-    return SteadyMotion(*map(float, solution[:3]))
+    @property
+    def _pin(self) -> FloatArray:
+        return np.array([-self.vehicle.lengths.hitch_offset, 0.0])
+
+    def _bent(self, beta: float) -> tuple[FloatArray, FloatArray]:
+        """Return wheels (6, 2) and centres of mass (2, 2) at a hitch angle, in tractor axes [m]."""
+        pin = self._pin
+        cosine = math.cos(beta)
+        sine = math.sin(beta)
+        turn = np.array([[cosine, sine], [-sine, cosine]])  # trailer's axes to the tractor's
+        place = self.vehicle.place.copy()
+        place[TRAILER] = pin + (place[TRAILER] - pin) @ turn.T
+        centres = np.array([[x, 0.0] for x in self.vehicle.centre_x])
+        centres[1] = pin + turn @ (centres[1] - pin)
+        return place, centres
+
+    def _wheel_forces(
+        self, beta: float, slip: FloatArray, velocity: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return forces on the wheels (6, 2) [N], and gross traction over load (6,)."""
+        law = self.vehicle.law
+        heading = _wheel_headings(self.vehicle, math.tan(self.delta_t)) - beta * TRAILER
+        ahead = np.column_stack([np.cos(heading), np.sin(heading)])
+        left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+        along = (velocity * ahead).sum(axis=1)
+        across = (velocity * left).sum(axis=1)
+        sliding = along * np.maximum(slip, 0.0) / (1.0 - np.maximum(slip, 0.0))
+        slip_angle = np.arctan(across / np.maximum(along, sliding))
+        traction, side = law.combined_ratios(self.bn, self.mobility_number, slip, slip_angle)
+        pull = self.load * (traction - law.soil_resistance_ratio(self.bn, slip))
+        force = pull[:, None] * ahead + (self.load * side)[:, None] * left
+        return force, traction
 
 
 def _wheel_headings(vehicle: Planar, tangent: float) -> FloatArray:
