@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,58 +63,98 @@ def posture_on_path(
     Raises:
         InvalidPath: no trailer position behind the tractor satisfies this, the path is too tight.
     """
-    a = vehicle.hitch_offset
-    d = vehicle.drawbar_length
-    length_i = vehicle.trailer_length
     s_t = np.asarray(distance, dtype=float)
     pose_t = path.pose(s_t)
-    kappa_t = path.curvature(s_t)
-    rj1 = pose_t[..., :2] - a * unit(pose_t[..., 2])
-
-    s_i = s_t - (a + d + length_i) + (behind_m or 0.0)
-    drift_at = _drift_at(path, vehicle, behind_m, s_i)
-    behind = behind_m or 0.0
-    for _ in range(_ITERATIONS):
-        pose_i, kappa_i, drawbar, forward, left = _drawbar(
-            path, vehicle, rj1, s_i, behind, drift_at
-        )
-        along = unit(pose_i[..., 2])
-        rj2_per_m = forward[..., None] * along + left[..., None] * _normal(along)
-        gap = np.sum(drawbar**2, axis=-1) - d**2
-        s_i = s_i + gap / (2.0 * np.sum(drawbar * rj2_per_m, axis=-1))
-        if np.max(np.abs(gap)) < _CLOSED_M * d:
-            break
-    pose_i, kappa_i, drawbar, forward, left = _drawbar(path, vehicle, rj1, s_i, behind, drift_at)
-    misfit = np.abs(np.hypot(drawbar[..., 0], drawbar[..., 1]) - d)
-    if not np.all(misfit < _CLOSED_M):  # NaN counts as a misfit
-        worst = float(np.ravel(s_t)[np.argmax(misfit)])
-        raise InvalidPath(f"no posture fits the path with the tractor at {place_on(path, worst)}")
+    trailer = _trailer_behind(path, vehicle, s_t, pose_t, behind_m)
 
     psi_t = pose_t[..., 2]
-    psi_i = pose_i[..., 2]
-    psi_d = np.arctan2(drawbar[..., 1], drawbar[..., 0])
+    psi_d = np.arctan2(trailer.drawbar[..., 1], trailer.drawbar[..., 0])
     psi_d = psi_d + math.tau * np.round((psi_t - psi_d) / math.tau)
     beta = psi_t - psi_d
-    delta_i = psi_d - psi_i
+    delta_i = psi_d - trailer.pose[..., 2]
+
     # d(RJ1)/ds = e_t - a kappa_t n_t and d(RJ2)/ds = ratio (forward e_i + left n_i) agree along
     # the drawbar; their difference across it turns the drawbar.
+    a = vehicle.hitch_offset
+    kappa_t = path.curvature(s_t)
+    forward = trailer.forward
+    left = trailer.left
     ratio = (np.cos(beta) + a * kappa_t * np.sin(beta)) / (
         forward * np.cos(delta_i) + left * np.sin(delta_i)
     )
     across_1 = np.sin(beta) - a * kappa_t * np.cos(beta)
     across_2 = ratio * (left * np.cos(delta_i) - forward * np.sin(delta_i))
+    drawbar_turn = (across_1 - across_2) / vehicle.drawbar_length
+
     wheelbase = vehicle.wheelbase
     return Posture(
         pose_t=pose_t,
-        pose_i=pose_i,
+        pose_i=trailer.pose,
         curvature_t=kappa_t,
-        curvature_i=kappa_i,
+        curvature_i=trailer.turn,
         psi_d=psi_d,
         delta_t=np.arctan(wheelbase * kappa_t),
         delta_t_per_m=wheelbase * path.curvature_derivative(s_t) / (1 + (wheelbase * kappa_t) ** 2),
-        delta_i_per_m=(across_1 - across_2) / d - ratio * kappa_i,
+        delta_i_per_m=drawbar_turn - ratio * trailer.turn,
         travel_ratio=ratio,
     )
+
+
+class _Trailer(NamedTuple):
+    """Trailer at arc lengths of its path, and what lies between it and the hitch of a tractor."""
+
+    pose: FloatArray  # (..., 3) x, y [m] and heading [rad]
+    turn: FloatArray  # (...) psi_i' [rad/m]
+    drawbar: FloatArray  # (..., 2) vector RJ2 -> RJ1 [m]
+    forward: FloatArray  # (...) travel of RJ2 per metre of path, along the trailer
+    left: FloatArray  # (...) the same across it
+
+
+def _trailer_behind(
+    path: Path, vehicle: Vehicle, s_t: FloatArray, pose_t: FloatArray, behind_m: float | None
+) -> _Trailer:
+    """Return the trailer whose drawbar reaches a tractor, see `posture_on_path`."""
+    d = vehicle.drawbar_length
+    behind = behind_m or 0.0
+    rj1 = pose_t[..., :2] - vehicle.hitch_offset * unit(pose_t[..., 2])
+    s_i = s_t - (vehicle.hitch_offset + d + vehicle.trailer_length) + behind
+    drift_at = _drift_at(path, vehicle, behind_m, s_i)
+
+    for _ in range(_ITERATIONS):
+        trailer = _trailer_at(path, vehicle, rj1, s_i, behind, drift_at)
+        along = unit(trailer.pose[..., 2])
+        rj2_per_m = trailer.forward[..., None] * along + trailer.left[..., None] * _normal(along)
+        gap = np.sum(trailer.drawbar**2, axis=-1) - d**2
+        s_i = s_i + gap / (2.0 * np.sum(trailer.drawbar * rj2_per_m, axis=-1))
+        if np.max(np.abs(gap)) < _CLOSED_M * d:
+            break
+
+    trailer = _trailer_at(path, vehicle, rj1, s_i, behind, drift_at)
+    misfit = np.abs(np.hypot(trailer.drawbar[..., 0], trailer.drawbar[..., 1]) - d)
+    if not np.all(misfit < _CLOSED_M):  # NaN counts as a misfit
+        worst = float(np.ravel(s_t)[np.argmax(misfit)])
+        raise InvalidPath(f"no posture fits the path with the tractor at {place_on(path, worst)}")
+    return trailer
+
+
+def _trailer_at(
+    path: Path,
+    vehicle: Vehicle,
+    rj1: FloatArray,
+    s_i: FloatArray,
+    behind_m: float,
+    drift_at: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+) -> _Trailer:
+    """Return the trailer at `s_i` and what lies between it and RJ1."""
+    pose_i = path.pose(s_i)
+    kappa = path.curvature(s_i)
+    phi, turn = drift_at(s_i, kappa)
+    pose_i[..., :2] -= behind_m * unit(pose_i[..., 2])
+    pose_i[..., 2] -= phi
+    rj2 = pose_i[..., :2] + vehicle.trailer_length * unit(pose_i[..., 2])
+    forward = np.cos(phi) + behind_m * kappa * np.sin(phi)
+    left = np.sin(phi) - behind_m * kappa * np.cos(phi) + vehicle.trailer_length * turn
+    return _Trailer(pose_i, turn, rj1 - rj2, forward, left)
 
 
 _DRIFT_STEP_M: Final = 0.02
@@ -181,30 +221,6 @@ def _drift_at(
         return phi, (behind_m * kappa * np.cos(phi) - np.sin(phi)) / ahead
 
     return at
-
-
-def _drawbar(
-    path: Path,
-    vehicle: Vehicle,
-    rj1: FloatArray,
-    s_i: FloatArray,
-    behind_m: float,
-    drift_at: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return what belongs to the trailer at `s_i`.
-
-    That is its pose (..., 3), its turn psi_i' along the path, the vector RJ2 -> RJ1 (..., 2), and
-    the travel of RJ2 per metre of path, along and across the trailer.
-    """
-    pose_i = path.pose(s_i)
-    kappa = path.curvature(s_i)
-    phi, turn = drift_at(s_i, kappa)
-    pose_i[..., :2] -= behind_m * unit(pose_i[..., 2])
-    pose_i[..., 2] -= phi
-    rj2 = pose_i[..., :2] + vehicle.trailer_length * unit(pose_i[..., 2])
-    forward = np.cos(phi) + behind_m * kappa * np.sin(phi)
-    left = np.sin(phi) - behind_m * kappa * np.cos(phi) + vehicle.trailer_length * turn
-    return pose_i, turn, rj1 - rj2, forward, left
 
 
 def unit(angle: FloatArray) -> FloatArray:
