@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..studies.search.limit import Limit
     from ..studies.search.rays import Report
     from ..studies.sweep.merge import Shard
+    from ..studies.sweep.plan import SweepPlan
     from ..studies.sweep.sweep import Progress
 
 
@@ -74,14 +75,11 @@ def sweep(arguments: argparse.Namespace) -> int:
     """
     # Imported here so that --help does not load MuJoCo and Dask.
     from ..studies.sweep.dry_run import format_plan
-    from ..studies.sweep.engine import cores, engine
-    from ..studies.sweep.estimate import MOST_UNTOLD, format_time
-    from ..studies.sweep.folder import is_begun, lock_folder
-    from ..studies.sweep.merge import WHOLE, merge
+    from ..studies.sweep.engine import cores
+    from ..studies.sweep.estimate import format_time
+    from ..studies.sweep.folder import is_begun
     from ..studies.sweep.plan import SweepPlan
-    from ..studies.sweep.results import rows
     from ..studies.sweep.study import load_study
-    from ..studies.sweep.sweep import sweep
 
     name, study = load_study(arguments.study)
     plan = SweepPlan(name, study, trusted=arguments.trust)
@@ -90,38 +88,54 @@ def sweep(arguments: argparse.Namespace) -> int:
     if arguments.dry_run or not (is_begun(folder) or arguments.quiet):
         for reason in extent.refused:
             print(f"ttempc: note: left out: {reason}", file=sys.stderr)
-    workers = arguments.workers or (1 if arguments.workers == 0 else cores())
+
     if arguments.dry_run:
+        workers = cores() if arguments.workers is None else max(1, arguments.workers)
         print(f"{format_plan(plan)}\nestimate  {format_time(plan, workers)}")
         return 0
     if arguments.merge:
-        with lock_folder(folder, plan) as locked:
-            missing = merge(plan, locked, arguments.merge)
-        rest = f"; {missing} runs are missing: the same command without --merge drives them"
-        print(
-            f"{extent.runs - missing} rows    {folder / 'results.jsonl'}{rest if missing else ''}"
-        )
-        return 0
+        return _merge(plan, folder, arguments.merge, extent.runs)
+    return _resumable(lambda: _drive(arguments, plan, folder, extent.runs), folder)
+
+
+def _merge(plan: SweepPlan, folder: Path, sources: Sequence[Path], runs: int) -> int:
+    """Take the rows of the folders of shares into one, and say how many of the runs are missing."""
+    from ..studies.sweep.folder import lock_folder
+    from ..studies.sweep.merge import merge
+
+    with lock_folder(folder, plan) as locked:
+        missing = merge(plan, locked, sources)
+    rest = f"; {missing} runs are missing: the same command without --merge drives them"
+    print(f"{runs - missing} rows    {folder / 'results.jsonl'}{rest if missing else ''}")
+    return 0
+
+
+def _drive(arguments: argparse.Namespace, plan: SweepPlan, folder: Path, runs: int) -> None:
+    """Drive what has no row yet of all `runs` of a sweep, or of a share of them."""
+    from ..studies.sweep.engine import cores, engine
+    from ..studies.sweep.estimate import MOST_UNTOLD, format_time
+    from ..studies.sweep.folder import is_begun, lock_folder
+    from ..studies.sweep.merge import WHOLE
+    from ..studies.sweep.results import rows
+    from ..studies.sweep.sweep import sweep
+
     shard = arguments.shard or WHOLE
     count = sum(1 for _ in shard.runs(plan))
-    tells = count > MOST_UNTOLD and not (arguments.quiet or arguments.dask or is_begun(folder))
-    if tells:
-        of = f" (all {extent.runs} runs, of which here {count})" if count < extent.runs else ""
+    if count > MOST_UNTOLD and not (arguments.quiet or arguments.dask or is_begun(folder)):
+        workers = cores() if arguments.workers is None else max(1, arguments.workers)
+        of = f" (all {runs} runs, of which here {count})" if count < runs else ""
         print(f"ttempc: takes {format_time(plan, workers)}{of}", file=sys.stderr, flush=True)
 
-    def drive() -> None:
-        with (
-            engine(arguments.workers, arguments.dask) as submit,
-            lock_folder(folder, plan) as locked,
-            progress(count, name, "run", shown=not arguments.quiet) as tell,
-        ):
-            sweep(plan, locked, submit, _counted(tell), shard=shard)
-        if not arguments.quiet:
-            counts = Counter(str(row["status"]) for row in rows(folder / "results.jsonl"))
-            by_status = ", ".join(f"{count} {status}" for status, count in counts.most_common())
-            print(f"{counts.total()} runs: {by_status}\nrows      {folder / 'results.jsonl'}")
-
-    return _resumable(drive, folder)
+    with (
+        engine(arguments.workers, arguments.dask) as submit,
+        lock_folder(folder, plan) as locked,
+        progress(count, plan.name, "run", shown=not arguments.quiet) as tell,
+    ):
+        sweep(plan, locked, submit, _counted(tell), shard=shard)
+    if not arguments.quiet:
+        counts = Counter(str(row["status"]) for row in rows(folder / "results.jsonl"))
+        by_status = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+        print(f"{counts.total()} runs: {by_status}\nrows      {folder / 'results.jsonl'}")
 
 
 def _counted(count: Callable[[], object]) -> Callable[[Progress], None]:
