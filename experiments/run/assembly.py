@@ -185,6 +185,8 @@ def assemble(
     """
     parts = parts or SharedParts()
     plan = _plan(scenario, seed, parts.terrain)
+
+    # Plant and sensors, with their faults
     settings = scenario.plant
     tool = scenario.implement
     plant = Plant(
@@ -200,17 +202,22 @@ def assemble(
     plan.timetable.damage(plant)
     sensors = SensorSuite(scenario.sensors, settings.timestep_s, seed, plant.lever_arms)
     plan.timetable.disturb(sensors, seed)
+
+    # Guidance, and stages of the user's
+    vehicle = plan.reference.vehicle
+    controller = parts.controller_factory(scenario, vehicle, factory)
+    guidance = _guidance(scenario, plan, plant, controller, kind, adjust)
     user_stages = [
         (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
         for number, stage in enumerate(scenario.stages)
     ]
-    controller = parts.controller_factory(scenario, plan.reference.vehicle, factory)
-    guidance = _guidance(scenario, plan, plant, controller, kind, adjust)
+
+    # The start, refused here, before anything is written
     x, y, yaw, *_, speed = plan.reference.at(0.0).state.tolist()
     begin = scenario.start
-    # refused here, before anything is written
     plant.reset(*begin.pose(x, y, yaw), speed if begin.rolling else 0.0)
-    vehicle = plan.reference.vehicle
+
+    # What judges the run has the lengths of the plant
     judged = replace(plan.reference, vehicle=replace(vehicle, **plan.vehicles.plant_lengths))
     off_line_m = distance_off_line(judged.path, judged.vehicle)
     return Assembly(

@@ -99,6 +99,8 @@ class Plant:
         self.tyres = tyres_of(vehicle)
         self.soil_law: Final = wheel_law
         self.wheel_law = wheel_law.of(self.tyres.radial)  # of each wheel
+
+        # Model of MuJoCo
         self._spec = build_spec(vehicle, terrain, wheel_law, timestep_s)
         if implement:
             draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))
@@ -107,6 +109,8 @@ class Plant:
         model = self.model
         data = self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
+
+        # What acts on the bodies beside MuJoCo's own forces
         self.ground = Ground(terrain, soil.rasterised(terrain), soil.ruts)
         self.wheels: Final = WheelForces(
             self.tyres,
@@ -124,12 +128,13 @@ class Plant:
             vehicle,
             tool_surface(implement, self.ground, soil.background, draft_variation),
         )
+
+        # The true state, and the steps that lead to the next one
         rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
         self._state = State.of(model, data, self.wheels.output, rear_radius, self.implement)
         places = self._state.places
         # from tractor and trailer point to their antennas, (2, 3) [m] bodies' frames
         self.lever_arms: FloatArray = model.site_pos[[places.antenna_t, places.antenna_i]]
-
         drive = self._drive = DriveLimits.of(model, data, vehicle)
         parts = (model, data, self.wheels, self.coupling, self.implement)
         self._plain = PlainSteps(*parts, drive, self._state)

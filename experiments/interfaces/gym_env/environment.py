@@ -1,7 +1,7 @@
 """Environment of Gymnasium: one run of a scenario, a control period a step."""
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any, Final, Literal
 
 import gymnasium
@@ -52,6 +52,34 @@ Entries = NDArray[np.float32]
 
 def _one_of(given: object, *allowed: object) -> bool:
     return any(type(given) is type(one) and given == one for one in allowed)
+
+
+def _refuse_arguments(given: Mapping[str, Any]) -> None:
+    """Refuse arguments of `FieldTrial`, by their names, that have none of the allowed values.
+
+    Raises:
+        BadOptions: one has not.
+    """
+    overrides = given["overrides"]
+    listed = isinstance(overrides, list | tuple)
+    share = given["residual_share"]
+    render_mode = given["render_mode"]
+    rules = (
+        ("scenario", "a text", isinstance(given["scenario"], str)),
+        ("overrides", "a list of texts", listed and all(isinstance(one, str) for one in overrides)),
+        ("action", "command or residual", _one_of(given["action"], "command", "residual")),
+        ("normalised", "True or False", isinstance(given["normalised"], bool)),
+        (
+            "residual_share",
+            "above 0 and at most 1",
+            isinstance(share, int | float) and 0 < share <= 1,
+        ),
+        ("trust", "True or False", isinstance(given["trust"], bool)),
+        ("render_mode", "rgb_array or None", _one_of(render_mode, None, "rgb_array")),
+    )
+    for name, allowed, is_right in rules:
+        if not is_right:
+            raise BadOptions(one_line(f"{name}: must be {allowed}, got {given[name]!r}"))
 
 
 def reward(errors_m: Sequence[float], change: Sequence[float]) -> float:
@@ -123,38 +151,26 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
             "trust": trust,
             "render_mode": render_mode,
         }
-        share = residual_share
-        listed = isinstance(overrides, list | tuple)
-        texts = listed and all(isinstance(one, str) for one in overrides)
-        for right, name, allowed, given in (
-            (isinstance(scenario, str), "scenario", "a text", scenario),
-            (texts, "overrides", "a list of texts", overrides),
-            (_one_of(action, "command", "residual"), "action", "command or residual", action),
-            (isinstance(normalised, bool), "normalised", "True or False", normalised),
-            (isinstance(share, int | float) and 0.0 < share <= 1.0, "residual_share",
-             "above 0 and at most 1", share),
-            (isinstance(trust, bool), "trust", "True or False", trust),
-            (_one_of(render_mode, None, "rgb_array"), "render_mode", "rgb_array or None",
-             render_mode),
-        ):  # fmt: skip
-            if not right:
-                raise BadOptions(one_line(f"{name}: must be {allowed}, got {given!r}"))
+        _refuse_arguments(self._arguments)
+
+        # Scenario and vehicle
         source = read_scenario(scenario)
         changes = parse_overrides(overrides)
         self._scenario = source.scenario(changes, changed_by="overrides")
         if not trust:
             refuse_untrusted(source.file, named_parts(self._scenario), changes)
         self.max_episode_steps = check(self._scenario)
-        self._residual = action == "residual"
-        self._share = residual_share
-        vehicles = self._scenario.vehicles()
         mission = self._scenario.mission()
-        self._vehicle = model_vehicle(mission, self._scenario, vehicles)
+        self._vehicle = model_vehicle(mission, self._scenario, self._scenario.vehicles())
         self._limits = CommandLimits.of(self._vehicle, self._scenario.control.period_s)
+
+        # Spaces
         largest, scale = bounds(ESTIMATE_NAMES)
         self._scale = scale.astype(np.float32) if normalised else None
         largest = np.ones(len(scale), np.float32) if normalised else largest.astype(np.float32)
         self.observation_space = Box(-largest, largest, dtype=np.float32)
+        self._residual = action == "residual"
+        self._share = residual_share
         self._normalised = normalised and not self._residual
         low = self._limits.lower
         high = self._limits.upper
@@ -162,6 +178,8 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
             low = -np.ones(3)
             high = np.ones(3)
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+
+        # Pictures, and the run, which `reset` starts
         self.render_mode = render_mode
         self._camera = None
         if render_mode:

@@ -307,10 +307,14 @@ def fit_tube(
     fitted = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY]
     held_out = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY == 0]
     _require_enough(fitted, held_out, coverage)
+
+    # Sets of the runs that are fitted, and the same samples of those held out
     disturbance = fit_set([run.residuals for run in fitted], coverage, WINDOW_STEPS, "box")
     estimate_error = fit_set([run.errors.estimation for run in fitted], coverage, 1, "zonotope")
     held_residuals = [run.residuals for run in held_out]
     held_estimation = [run.errors.estimation for run in held_out]
+
+    # Gains for the straightest place and for the longest curve
     reference = runs[0].reference
     ticks = int(reference.duration_s / PAPER_PERIOD_S)
     curvature = np.abs(reference.at(np.arange(ticks) * PAPER_PERIOD_S).curvature)
@@ -318,6 +322,9 @@ def fit_tube(
     curve = _longest(curvature >= 0.999 * curvature.max())
     weights = design_weights(reference, [straight, curve], disturbance)
     design = TubeDesign(reference.vehicle, PAPER_PERIOD_S, disturbance, estimate_error, weights)
+    along = ReferenceTube.along(design, reference, ticks)
+
+    # The file, with what the tube rests on and what contradicts it
     provenance = Provenance(
         scenarios=sorted({run.scenario for run in runs}),
         controllers=sorted({run.controller for run in runs}),
@@ -331,7 +338,6 @@ def fit_tube(
         versions=versions(),
     )
     about = "Tube for the controller ttempc-tube, written by ttempc fit tube"
-    along = ReferenceTube.along(design, reference, ticks)
     warnings = [
         contradiction(provenance.disturbance, "disturbance", coverage),
         contradiction(provenance.estimate_error, "error of the estimate", coverage),
