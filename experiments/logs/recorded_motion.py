@@ -89,14 +89,9 @@ def recorded_motion(
     x_m, y_m = _between(times, at_s, place, usual_s)
     speed = _speed(record, x_m, y_m, usual_s)
     width = max(_SMOOTH_S, usual_s) / record.step_s
+    smooth = gaussian_filter1d(x_m, width), gaussian_filter1d(y_m, width)
     spacing_m = float(np.median(np.hypot(*np.diff(place, axis=0).T)))
-    psi_t = _yaw(
-        record,
-        gaussian_filter1d(x_m, width),
-        gaussian_filter1d(y_m, width),
-        speed,
-        max(_COURSE_M, spacing_m),
-    )
+    psi_t = _yaw(record, *smooth, speed, max(_COURSE_M, spacing_m))
     yaw_rate = record.column("yaw_rate_radps")
     if yaw_rate is None:
         yaw_rate = gaussian_filter1d(np.gradient(psi_t, record.step_s), width)

@@ -187,30 +187,16 @@ def assemble(
     plan = _plan(scenario, seed, parts.terrain)
 
     # Plant and sensors, with their faults
-    settings = scenario.plant
-    tool = scenario.implement
-    plant = Plant(
-        plan.vehicles.plant,
-        plan.terrain,
-        plan.soil,
-        wheel_law=settings.wheel_law,
-        timestep_s=settings.timestep_s,
-        actuators=scenario.actuators,
-        implement=tool,
-        draft_variation=tool and tool.variation(generator(seed, "draft"), plan.terrain),
-    )
+    plant = _plant(scenario, plan, seed)
     plan.timetable.damage(plant)
-    sensors = SensorSuite(scenario.sensors, settings.timestep_s, seed, plant.lever_arms)
+    sensors = SensorSuite(scenario.sensors, plant.timestep_s, seed, plant.lever_arms)
     plan.timetable.disturb(sensors, seed)
 
     # Guidance, and stages of the user's
     vehicle = plan.reference.vehicle
     controller = parts.controller_factory(scenario, vehicle, factory)
     guidance = _guidance(scenario, plan, plant, controller, kind, adjust)
-    user_stages = [
-        (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
-        for number, stage in enumerate(scenario.stages)
-    ]
+    user_stages = _user_stages(scenario, seed)
 
     # The start, refused here, before anything is written
     x, y, yaw, *_, speed = plan.reference.at(0.0).state.tolist()
@@ -246,6 +232,29 @@ def assemble(
             [*_operator(scenario.control), *plan.timetable.stages(plant), *user_stages]
         ),
     )
+
+
+def _plant(scenario: Scenario, plan: _Plan, seed: int) -> Plant:
+    """Return the plant of a run without faults."""
+    tool = scenario.implement
+    return Plant(
+        plan.vehicles.plant,
+        plan.terrain,
+        plan.soil,
+        wheel_law=scenario.plant.wheel_law,
+        timestep_s=scenario.plant.timestep_s,
+        actuators=scenario.actuators,
+        implement=tool,
+        draft_variation=tool and tool.variation(generator(seed, "draft"), plan.terrain),
+    )
+
+
+def _user_stages(scenario: Scenario, seed: int) -> list[tuple[str, Stage]]:
+    """Return the stages of the user's, each after the name of another one."""
+    return [
+        (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
+        for number, stage in enumerate(scenario.stages)
+    ]
 
 
 def _on_trailer(vehicle: Vehicle, off_line_m: float) -> tuple[str, ...]:
