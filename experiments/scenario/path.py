@@ -19,7 +19,7 @@ from ttempc.reference.headland import headland
 from ttempc.reference.leading import check_plain, leading_path
 from ttempc.reference.path import Path as ReferencePath
 from ttempc.reference.path import figure_eight, straight
-from ttempc.reference.reference import ConstantSpeed, SpeedProfile, is_comfortable
+from ttempc.reference.reference import Comfortable, ConstantSpeed, SpeedProfile
 from ttempc.reference.smoothing import smooth, thinned
 from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor, limited_in_curves
 from ttempc.types import FloatArray
@@ -90,11 +90,7 @@ class Mission:
         The tractor leads it there, on a path of its own that `max_deviation_m` [m] may smooth.
         """
         check_plain(vehicle)
-        fastest = self.speed.top_speed
-
-        def suits(path: ReferencePath) -> bool:
-            return is_comfortable(path, vehicle, fastest)
-
+        suits = Comfortable(vehicle, self.speed.top_speed)
         path = leading_path(self.path, vehicle, max_deviation_m, suits)
         speed = self.speed
         if isinstance(speed, Backward):
@@ -301,10 +297,7 @@ class FilePath:
         kept = thinned(points)
         speeds, notes = self._speeds(waypoints.speed, kept)
         fastest = float(np.max(speeds))
-
-        def suits(path: ReferencePath) -> bool:
-            return is_comfortable(path, vehicle, fastest)
-
+        suits = Comfortable(vehicle, fastest)
         smoothed = smooth(points[kept], self.max_deviation_m, suits)
         speed: SpeedProfile = ConstantSpeed(fastest)
         if len(speeds) > 1:

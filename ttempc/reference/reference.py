@@ -58,17 +58,26 @@ def check_drivable(path: Path, vehicle: Vehicle, front_share: float = 0.9) -> No
 _COMFORTABLE_RATE: Final = 0.25  # share of the rate of the front steering; assumed
 
 
-def is_comfortable(path: Path, vehicle: Vehicle, speed_mps: float) -> bool:
-    """Return whether the tractor can drive a path with reserves, at a speed [m/s].
+@dataclass(frozen=True, slots=True)
+class Comfortable:
+    """Whether the tractor of a vehicle can drive a path with reserves, at a speed.
 
     The front steering then needs at most 90 % of its stop and 25 % of its rate.
     """
-    along = np.linspace(0.0, path.length_m, math.ceil(path.length_m / _CHECK_STEP_M) + 1)
-    bent = vehicle.wheelbase * path.curvature(along)
-    if np.max(np.arctan(np.abs(bent))) > 0.9 * vehicle.steering_limit_t:
-        return False
-    rate = speed_mps * vehicle.wheelbase * path.curvature_derivative(along) / (1.0 + bent**2)
-    return bool(np.max(np.abs(rate)) <= _COMFORTABLE_RATE * vehicle.steering_rate_t)
+
+    vehicle: Vehicle
+    speed_mps: float
+
+    def __call__(self, path: Path) -> bool:
+        """Return whether it can."""
+        vehicle = self.vehicle
+        along = np.linspace(0.0, path.length_m, math.ceil(path.length_m / _CHECK_STEP_M) + 1)
+        bent = vehicle.wheelbase * path.curvature(along)
+        if np.max(np.arctan(np.abs(bent))) > 0.9 * vehicle.steering_limit_t:
+            return False
+        bent_per_m = vehicle.wheelbase * path.curvature_derivative(along)
+        rate = self.speed_mps * bent_per_m / (1.0 + bent**2)
+        return bool(np.max(np.abs(rate)) <= _COMFORTABLE_RATE * vehicle.steering_rate_t)
 
 
 class SpeedProfile(Protocol):

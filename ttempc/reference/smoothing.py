@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ _NEAREST_M = 0.002  # from the polygon that a path keeps at least: half the dip 
 # on a radius of 30 m, which is no corner that anyone has drawn
 _CLOSE_ENOUGH = 0.2  # of logarithms of penalties: a distance from the polygon within some 10 %
 _CORRECTIONS = 2  # of the drift of the integrated curvature; each reduces it to a hundredth
+_KEPT = 2  # paths; one of 10 km has some 80 MB
 _LEAST_PACE = 0.2  # metres of path per metre of polygon; below, the polygon turns back
 # Gauss-Legendre on [-1, 1]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -68,6 +70,9 @@ def smooth(
     |dp/ds| = 1 to rounding, zero curvature at both ends. The deviation that is returned is that of
     the path.
 
+    The last paths are kept: all runs of a sweep drive the same few. `suits` is therefore hashable;
+    two that are equal decide alike.
+
     Raises:
         InvalidPath: fewer than two points, a point that is not finite or repeated, or a polygon
             that turns back on itself, with index, place and length along the polygon; or
@@ -81,7 +86,18 @@ def smooth(
     """
     if not (math.isfinite(max_deviation_m) and max_deviation_m > 0.0):
         raise InvalidPath(f"max_deviation_m: got {max_deviation_m}, must be finite and above 0")
-    polygon = _Polygon.of(points)
+    return _smoothed(points.tobytes(), points.shape, max_deviation_m, suits)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _smoothed(
+    points: bytes,
+    shape: tuple[int, ...],
+    max_deviation_m: float,
+    suits: Callable[[Path], bool] | None,
+) -> SmoothedPath:
+    """Do `smooth`, of the points (n, 2) in the memory of an array."""
+    polygon = _Polygon.of(np.frombuffer(points).reshape(shape))
     smoothest = polygon.largest_penalty_within(0.99 * max_deviation_m)
     chosen = polygon.path_of(smoothest)
     if suits is not None:
@@ -92,6 +108,7 @@ def smooth(
             f"path: smoothed, it is {chosen.deviation_m:.3g} m beside its points; max_deviation_m "
             f"= {max_deviation_m:g} is too little for points like these"
         )
+    chosen.distance_m.flags.writeable = False  # it is kept
     return chosen
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from ttempc.errors import InvalidPath
 from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import is_comfortable
+from ttempc.reference.reference import Comfortable
 from ttempc.reference.smoothing import smooth, thinned
 from ttempc.vehicle import Vehicle
 
@@ -106,8 +106,7 @@ def test_invalid_points_are_refused_with_their_place(points, message):
         smooth(np.array(points), 0.05)
 
 
-def suits(path):
-    return is_comfortable(path, Vehicle(), 1.0)
+suits = Comfortable(Vehicle(), 1.0)
 
 
 def sine(step=1.0):
@@ -140,6 +139,19 @@ def test_where_no_path_suits_the_smoothest_is_returned():
     corner = LINES["corner"][0]
     never = smooth(corner, 0.1, lambda path: False)
     assert never.deviation_m == smooth(corner, 0.1).deviation_m
+
+
+def test_a_path_is_kept_for_the_same_points_and_vehicle_alone():
+    """A caller may go on with its points; it may not change what others get."""
+    points = sine()
+    kept = smooth(points, 0.1, suits)
+    assert smooth(points.copy(), 0.1, Comfortable(Vehicle(), 1.0)) is kept
+    assert smooth(points, 0.1, Comfortable(Vehicle(), 1.5)) is not kept
+    assert smooth(points, 0.11, suits) is not kept
+    with pytest.raises(ValueError, match="read-only"):
+        kept.distance_m += 1.0
+    points[0, 1] += 0.01
+    assert smooth(points, 0.1, suits) is not kept
 
 
 def test_repeated_points_and_a_standing_vehicle_are_thinned():

@@ -14,7 +14,7 @@ from ttempc.models.kinematics import trailer_point
 from ttempc.reference.headland import headland
 from ttempc.reference.leading import check_plain, leading_path
 from ttempc.reference.path import Path, Segment, figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference, check_drivable, is_comfortable
+from ttempc.reference.reference import Comfortable, ConstantSpeed, Reference, check_drivable
 from ttempc.reference.towed import distance_off_line, tow
 from ttempc.types import State
 from ttempc.vehicle import Vehicle
@@ -127,7 +127,7 @@ def test_a_leading_tractor_keeps_the_working_point_on_the_line(hitch, tool, turn
         )
     )
     vehicle = replace(PLAIN, hitch_offset=hitch, tool_behind=tool, trailer_turning_offset=turning)
-    path = leading_path(line, vehicle, 0.05, lambda path: is_comfortable(path, vehicle, 1.0))
+    path = leading_path(line, vehicle, 0.05, Comfortable(vehicle, 1.0))
     reference = Reference(path, vehicle, ConstantSpeed(1.0))
     sample = reference.at(np.linspace(3.0, reference.duration_s - 1.0, 400))
     yaw = sample.state[:, State.PSI_I]
