@@ -32,6 +32,8 @@ GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 FAST = tuple(sensor for sensor in STARTING_SENSORS if sensor not in GNSS)
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
+SENSOR_NOISE = SensorNoise()
+PARAMETERS = vehicle_parameters(VEHICLE, True)
 
 Corruption = Callable[[list[Measurement]], list[Measurement]]
 
@@ -93,19 +95,17 @@ class SensedDrive:
     def _advance(
         self, augmented: FloatArray, command: Command, k: int
     ) -> tuple[FloatArray, list[Measurement]]:
-        step_s, noise = PERIOD_S / SUBSTEPS, self.process_noise
+        step_s = PERIOD_S / SUBSTEPS
+        noise = self.process_noise
+        sent = command.as_array()
+        fading = noise.fading(SENSOR_NOISE).ravel()
         measurements = []
-        augmented, unused = augmented.copy(), np.empty((SIZE, WIDTH))
+        augmented = augmented.copy()
+        unused = np.empty((SIZE, WIDTH))
         for j in range(1, SUBSTEPS + 1):
-            added = density(noise, augmented, noise.scales, VEHICLE, SensorNoise())
+            added = density(noise, augmented, noise.scales, VEHICLE, SENSOR_NOISE)
             advance_augmented_state(
-                augmented,
-                self._valves,
-                command.as_array(),
-                vehicle_parameters(VEHICLE, True),
-                noise.fading(SensorNoise()).ravel(),
-                step_s,
-                unused,
+                augmented, self._valves, sent, PARAMETERS, fading, step_s, unused
             )
             entries = int(AugmentedState.OFFSET_HITCH)  # the drive has neither offsets nor gyros
             added = added[:entries, :entries]
@@ -122,7 +122,7 @@ class SensedDrive:
         samples = []
         for sensor in sensors:
             value, _ = predicted_measurement(sensor, augmented, VEHICLE, True)
-            sd = self.sensor_scale * SensorNoise().of(sensor)
+            sd = self.sensor_scale * SENSOR_NOISE.of(sensor)
             value = value + sd * self._generator.standard_normal(len(value))
             samples.append(Measurement(time_s, sensor, tuple(value.tolist())))
         return samples
