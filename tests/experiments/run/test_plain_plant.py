@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-# 600 of the 2,000 physics steps of twenty ticks: in Python each takes some 5 ms. For the same
-# reason the first process hands its settled vehicle over: settling takes some 1,500 steps more.
-TICKS = 6
+# 400 physics steps: in Python each takes some 5 ms. For the same reason the first process hands its
+# settled vehicle over: settling takes some 1,500 steps more.
+TICKS = 4
 STOPS = 5
 
 DRIVE = """

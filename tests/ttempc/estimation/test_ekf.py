@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import importlib
 import itertools
 import math
@@ -348,12 +349,18 @@ class WithGyros:
         return float(self.rates[min(k, len(self.rates) - 1), body]) + noise
 
 
+@functools.cache
+def plain_drive(seed: int, ticks: int) -> SensedDrive:
+    """Return a drive without gyros, which none of those who share it changes."""
+    return SensedDrive(seed).run(ticks)
+
+
 def drive_of(seed: int, noise: SensorNoise, ticks: int = 250) -> tuple[SensedDrive, WithGyros]:
     """The drive of a seed, with gyros that read the mean yaw rates between its control ticks.
 
     The drive keeps its states at control ticks; within a tick the gyros read a constant rate.
     """
-    plain = SensedDrive(seed).run(ticks)
+    plain = plain_drive(seed, ticks)
     yaw = np.unwrap(np.array(plain.states)[:, State.PSI_T : State.DELTA_T], axis=0)
     held = np.repeat(np.diff(yaw, axis=0) / PERIOD_S, round(PERIOD_S / IMU_S), axis=0)
     estimator = WithGyros(held, ExtendedKalmanFilter(VEHICLE, noise))

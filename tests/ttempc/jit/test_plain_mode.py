@@ -26,7 +26,7 @@ def drive(controller):
     guidance = Guidance(Vehicle(), path, controller=controller, settings=settings)
     rng = np.random.default_rng(9444)
     commands = []
-    for tick in range(20):
+    for tick in range(10):
         time_s = 0.2 * tick
         truth = guidance.reference.at(time_s)
         tractor, trailer = truth.state[:2], truth.trailer_xy
@@ -50,7 +50,7 @@ json.dump([type(predict).__name__, {name: drive(name) for name in sys.argv[1:]}]
 
 
 def drives(*, plain):
-    """Return the type of a kernel and the commands of twenty ticks by controller, in a process."""
+    """Return the type of a kernel and the commands of ten ticks by controller, in a process."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     if plain:
         environment["NUMBA_DISABLE_JIT"] = "1"
