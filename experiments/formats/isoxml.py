@@ -1,6 +1,5 @@
 """ISOXML (ISO 11783-10): guidance lines and boundaries of TASKDATA.XML, binary time logs."""
 
-import math
 import struct
 from pathlib import Path
 from typing import Final
@@ -111,6 +110,5 @@ def read_time_log(file: Path) -> ForeignFile:
         raise UnreadableFile(
             f"has days between its records: it does not fit {header.name}, or is damaged"
         )
-    cut = place != len(data)
-    notes = ("the last record is cut off",) if cut and not math.isclose(place, len(data)) else ()
+    notes = ("the last record is cut off",) if place != len(data) else ()
     return ForeignFile("a time log of ISOXML", (table,), notes=notes)

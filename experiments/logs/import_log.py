@@ -46,7 +46,7 @@ from ..run.user_code import named_estimator
 from ..scenario.controller import TRUTH
 from ..scenario.path import Mission
 from ..scenario.scenario import Scenario, ScenarioFile, dump
-from .recorded_motion import RecordedMotion, recorded_motion, samples_of
+from .recorded_motion import RecordedMotion, axle_points, recorded_motion, samples_of
 from .replay import SAMPLE_ORDER
 
 RECORDED: Final = "recorded"
@@ -457,43 +457,16 @@ def recorded_samples(
     Positions of an antenna are moved to the axle point by the heading. A sensor that the record
     lacks has samples of the computed motion at the times of the grid, so that the filter can start.
     """
-    samples: list[Measurement] = []
-    grid = motion.time_s
-    for sensor, body, x_m, y_m in (
-        (Sensor.GNSS_TRACTOR, "", motion.x_t, motion.y_t),
-        (Sensor.GNSS_TRAILER, "trailer_", motion.x_i, motion.y_i),
-    ):
-        times = grid
-        places = np.column_stack([x_m, y_m])
-        if f"{body}x_m" in columns:
-            places = np.column_stack([columns[f"{body}x_m"], columns[f"{body}y_m"]])
-            known = np.isfinite(places).all(axis=1)
-            times = columns["time_s"][known]
-            places = places[known]
-            if not body and mapping.point == "antenna" and mapping.antenna_m:
-                yaw = np.interp(times, grid, motion.psi_t)
-                ahead, left, _ = mapping.antenna_m
-                places = places - np.column_stack(
-                    [
-                        ahead * np.cos(yaw) - left * np.sin(yaw),
-                        ahead * np.sin(yaw) + left * np.cos(yaw),
-                    ]
-                )
-        status = _at(columns, f"{body}status", times)
-        samples += [
-            Measurement(time_s, sensor, (x, y), int(kind))
-            for time_s, (x, y), kind in zip(
-                times.tolist(), places.tolist(), status.tolist(), strict=True
-            )
-        ]
+    samples = _positions(Sensor.GNSS_TRACTOR, motion, columns, mapping)
+    samples += _positions(Sensor.GNSS_TRAILER, motion, columns, mapping)
     computed = {
         Sensor.STEERING_TRACTOR: motion.delta_t,
         Sensor.STEERING_TRAILER: motion.delta_i,
         Sensor.HITCH: motion.beta,
         Sensor.ENCODER: motion.speed,
     }
-    for sensor, values in computed.items():
-        times, values = samples_of(columns, _SENSORS[sensor]) or (grid, values)
+    for sensor, on_grid in computed.items():
+        times, values = samples_of(columns, _SENSORS[sensor]) or (motion.time_s, on_grid)
         pairs = zip(times.tolist(), values.tolist(), strict=True)
         samples += [Measurement(time_s, sensor, (value,)) for time_s, value in pairs]
     if found := samples_of(columns, "yaw_rate_radps"):
@@ -503,6 +476,32 @@ def recorded_samples(
         rows = zip(times.tolist(), rates.tolist(), roll.tolist(), pitch.tolist(), strict=True)
         samples += [Measurement(t, Sensor.IMU_TRACTOR, tuple(value)) for t, *value in rows]
     return sorted(samples, key=lambda sample: (sample.time_s, _RANK[sample.sensor]))
+
+
+def _positions(
+    sensor: Sensor,
+    motion: RecordedMotion,
+    columns: Mapping[str, FloatArray],
+    mapping: FormatMap,
+) -> list[Measurement]:
+    """Return the samples of the receiver of a body, see `recorded_samples`."""
+    of_tractor = sensor == Sensor.GNSS_TRACTOR
+    prefix = "" if of_tractor else "trailer_"
+    if f"{prefix}x_m" in columns:
+        places = np.column_stack([columns[f"{prefix}x_m"], columns[f"{prefix}y_m"]])
+        known = np.isfinite(places).all(axis=1)
+        times = columns["time_s"][known]
+        places = places[known]
+        if of_tractor and mapping.point == "antenna" and mapping.antenna_m:
+            yaw = np.interp(times, motion.time_s, motion.psi_t)
+            places = axle_points(places, yaw, np.array(mapping.antenna_m))
+    else:
+        times = motion.time_s
+        points = (motion.x_t, motion.y_t) if of_tractor else (motion.x_i, motion.y_i)
+        places = np.column_stack(points)
+    status = _at(columns, f"{prefix}status", times)
+    rows = zip(times.tolist(), places.tolist(), status.tolist(), strict=True)
+    return [Measurement(time_s, sensor, (x, y), int(kind)) for time_s, (x, y), kind in rows]
 
 
 def _at(columns: Mapping[str, FloatArray], name: str, times: FloatArray) -> FloatArray:

@@ -96,7 +96,7 @@ def recorded_motion(
     if yaw_rate is None:
         yaw_rate = gaussian_filter1d(np.gradient(psi_t, record.step_s), width)
     if point == "antenna":
-        x_m, y_m = _below_antenna(x_m, y_m, psi_t, antenna_m)
+        x_m, y_m = axle_points(np.column_stack([x_m, y_m]), psi_t, antenna_m).T
 
     # Steering
     delta_t = record.column("steering_rad")
@@ -202,14 +202,15 @@ def _between(
     return x_m, y_m
 
 
-def _below_antenna(
-    x_m: FloatArray, y_m: FloatArray, psi_t: FloatArray, antenna_m: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the places of the tractor point from those of an antenna ahead and left of it."""
-    cos = np.cos(psi_t)
-    sin = np.sin(psi_t)
+def axle_points(places: FloatArray, yaw: FloatArray, antenna_m: FloatArray) -> FloatArray:
+    """Return the tractor points (n, 2) [m] of places of an antenna, by the yaw at each [rad].
+
+    `antenna_m` is (3,): ahead of, left of and above the tractor point.
+    """
     ahead, left, _ = antenna_m
-    return x_m - cos * ahead + sin * left, y_m - sin * ahead - cos * left
+    east = ahead * np.cos(yaw) - left * np.sin(yaw)
+    north = ahead * np.sin(yaw) + left * np.cos(yaw)
+    return places - np.column_stack([east, north])
 
 
 def _behind(
