@@ -1,6 +1,6 @@
 """Check of a log for completeness, recovery of a torn one, and its description as text."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -61,21 +61,10 @@ def check_log(content: Content) -> list[LogCheck]:
         LogError: the log is of another version of this project.
     """
     record = record_of(content)
-    found = content.messages
-    state = record[ch.STATE]
     files = [name for name in _ATTACHMENTS if name not in content.attachments]
-    topics = [topic for group in _TOGETHER for topic in group if not found.get(topic)]
-    times = {topic: [each.log_time for each in group] for topic, group in found.items()}
+    topics = [topic for group in _TOGETHER for topic in group if not content.messages.get(topic)]
+    times = {topic: [each.log_time for each in group] for topic, group in content.messages.items()}
     backwards = [topic for topic, each in times.items() if np.any(np.diff(each) < 0)]
-    steps_s = np.diff(state.time_s) if len(state) > 1 else np.zeros(1)
-    period_s = float(np.median(steps_s))
-    longest_s = float(steps_s.max())
-    finite = bool(np.isfinite(state.values).all()) and bool(np.any(state.values))
-    begins = steps_s.min() > 0.0 and state.time_s[0] == 0.0
-    written = (
-        (record[each].time_s, 1e-9 * np.array(times.get(each.topic, []))) for each in ch.CHANNELS
-    )
-    stamped = all(np.allclose(*pair, rtol=0.0, atol=1e-6) for pair in written)
     return [
         LogCheck("whole", not content.salvage, state_of(content)),
         LogCheck("attachments", not files, f"missing: {', '.join(files) or 'none'}"),
@@ -86,6 +75,23 @@ def check_log(content: Content) -> list[LogCheck]:
         _together(times),
         LogCheck("topics", not topics, f"nothing on: {', '.join(topics) or 'none'}"),
         LogCheck("time", not backwards, f"backwards on {', '.join(backwards) or 'none'}"),
+        *_truth(record, times),
+    ]
+
+
+def _truth(record: Record, times: Mapping[str, Sequence[int]]) -> tuple[LogCheck, LogCheck]:
+    """Check the rows of the true state: without gaps, finite, at the times of their messages."""
+    state = record[ch.STATE]
+    steps_s = np.diff(state.time_s) if len(state) > 1 else np.zeros(1)
+    period_s = float(np.median(steps_s))
+    longest_s = float(steps_s.max())
+    finite = bool(np.isfinite(state.values).all() and np.any(state.values))
+    begins = bool(steps_s.min() > 0.0 and state.time_s[0] == 0.0)
+    written = (
+        (record[each].time_s, 1e-9 * np.array(times.get(each.topic, []))) for each in ch.CHANNELS
+    )
+    stamped = all(np.allclose(*pair, rtol=0.0, atol=1e-6) for pair in written)
+    return (
         LogCheck(
             "truth",
             longest_s <= 1.5 * period_s,
@@ -93,10 +99,10 @@ def check_log(content: Content) -> list[LogCheck]:
         ),
         LogCheck(
             "state",
-            finite and bool(begins) and stamped,
+            finite and begins and stamped,
             f"{len(state)} rows, to rise from 0 s, finite; all rows at the times of their messages",
         ),
-    ]
+    )
 
 
 def _readable(content: Content) -> LogCheck:

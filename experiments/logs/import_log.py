@@ -21,7 +21,8 @@ import numpy as np
 
 from ttempc.layout import estimate_row as record_of_estimate
 from ttempc.reference.path import Projection
-from ttempc.types import Command, FloatArray, Measurement, Sensor
+from ttempc.types import Command, FloatArray, Input, Measurement, Sensor
+from ttempc.vehicle import Vehicle
 
 from ...testbed.atomic_write import partial_path
 from ...testbed.geodesy import MapFrame
@@ -381,6 +382,8 @@ def _states(plant: Plant, motion: RecordedMotion) -> tuple[FloatArray, FloatArra
         name: int(model.joint(name).qposadr[0])
         for name in ("steer", "knuckle_left", "knuckle_right", "rj1_yaw", "rj2_yaw")
     }
+
+    # Poses of all bodies: the joints are set, the rest follows
     poses = np.empty((len(motion.time_s), model.nbody, 7))
     for k in range(len(motion.time_s)):
         half = 0.5 * float(motion.psi_t[k])
@@ -394,6 +397,7 @@ def _states(plant: Plant, motion: RecordedMotion) -> tuple[FloatArray, FloatArra
         mujoco.mj_kinematics(model, data)
         poses[k, :, :3] = data.xpos
         poses[k, :, 3:] = data.xquat
+
     columns = dict.fromkeys(ch.STATE.fields, np.zeros(len(motion.time_s)))
     columns |= {
         "x_t_m": motion.x_t,
@@ -525,6 +529,32 @@ def _sample_rows(samples: list[Measurement]) -> list[tuple[float, FloatArray]]:
     return rows
 
 
+def _commands(columns: Mapping[str, FloatArray], times: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Return the recorded commands at some times, (n, 3), NaN where there is none."""
+    commands = np.full((len(times), len(Input)), np.nan)
+    if samples_of(columns, "steering_command_rad"):
+        commands[:, Input.DELTA_T] = _at(columns, "steering_command_rad", times)
+    if samples_of(columns, "trailer_steering_command_rad"):
+        commands[:, Input.DELTA_I] = _at(columns, "trailer_steering_command_rad", times)
+    if samples_of(columns, "hydrostat_command"):
+        commands[:, Input.HP] = _at(columns, "hydrostat_command", times)
+    elif samples_of(columns, "speed_command_mps"):
+        gear = -1.0 if vehicle.reverse else 1.0
+        hp = _at(columns, "speed_command_mps", times) / vehicle.speed_gain
+        commands[:, Input.HP] = np.clip(hp, min(0.0, gear), max(0.0, gear))
+    return commands
+
+
+def _control_row(command: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Return a row of `CONTROL` with a command (3,) and the bounds of the vehicle, else NaN."""
+    row = np.full(len(ch.CONTROL.fields), np.nan)
+    for number, name in enumerate(("delta_t_rad", "delta_i_rad", "hp")):  # as `Input`
+        row[ch.CONTROL.fields.index(f"{name}_command")] = command[number]
+        row[ch.CONTROL.fields.index(f"{name}_min")] = vehicle.input_min[number]
+        row[ch.CONTROL.fields.index(f"{name}_max")] = vehicle.input_max[number]
+    return row
+
+
 def _estimates(
     scenario: Scenario, content: _Content, end_s: float
 ) -> list[tuple[float, FloatArray, FloatArray]]:
@@ -543,17 +573,8 @@ def _estimates(
     )
     ticks = math.floor(end_s / _PERIOD_S + 1e-6) + 1
     times = _PERIOD_S * np.arange(ticks, dtype=np.float64)
-    commands = np.full((ticks, 3), np.nan)
-    for k, name in enumerate(("steering_command_rad", "trailer_steering_command_rad")):
-        if samples_of(columns, name):
-            commands[:, k] = _at(columns, name, times)
-    if samples_of(columns, "hydrostat_command"):
-        commands[:, 2] = _at(columns, "hydrostat_command", times)
-    elif samples_of(columns, "speed_command_mps"):
-        gear = -1.0 if vehicle.reverse else 1.0
-        hp = _at(columns, "speed_command_mps", times) / vehicle.speed_gain
-        commands[:, 2] = np.clip(hp, min(0.0, gear), max(0.0, gear))
-    limits = dict(zip(("delta_t_rad", "delta_i_rad", "hp"), range(3), strict=True))
+    commands = _commands(columns, times, vehicle)
+
     rows = []
     command: Command | None = None
     begin = 0
@@ -563,11 +584,7 @@ def _estimates(
             end += 1
         estimate = estimator.update(time_s, samples[begin:end], command)
         begin = end
-        control = np.full(len(ch.CONTROL.fields), np.nan)
-        for name, k in limits.items():
-            control[ch.CONTROL.fields.index(f"{name}_command")] = values[k]
-            control[ch.CONTROL.fields.index(f"{name}_min")] = vehicle.input_min[k]
-            control[ch.CONTROL.fields.index(f"{name}_max")] = vehicle.input_max[k]
+        control = _control_row(values, vehicle)
         command = Command(*values.tolist())
         rows.append((time_s, ch.estimate_row(record_of_estimate(estimate)), control))
     return rows

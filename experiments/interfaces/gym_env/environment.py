@@ -82,6 +82,24 @@ def _refuse_arguments(given: Mapping[str, Any]) -> None:
             raise BadOptions(one_line(f"{name}: must be {allowed}, got {given[name]!r}"))
 
 
+def _three_numbers(action: object) -> FloatArray:
+    """Return an action as an array (3,) of floats.
+
+    Raises:
+        ValueError: it is not of three numbers.
+    """
+    try:
+        values = np.asarray(action)
+        # of objects each is converted by itself; of text or complex numbers none
+        casting = "unsafe" if values.dtype == object else "same_kind"
+        values = values.astype(float, casting=casting)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(one_line(f"step: the action must be three numbers: {error}")) from None
+    if values.shape != (3,):
+        raise ValueError(f"step: the action has the shape {values.shape}, must be (3,)")
+    return values
+
+
 def reward(errors_m: Sequence[float], change: Sequence[float]) -> float:
     """Return the reward of a period, above 0 and at most 1.
 
@@ -260,15 +278,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         """
         if self._run is None:
             raise ResetNeeded("step: the run has ended, call reset()")
-        try:
-            values = np.asarray(action)
-            values = values.astype(
-                float, casting="unsafe" if values.dtype == object else "same_kind"
-            )
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ValueError(one_line(f"step: the action must be three numbers: {error}")) from None
-        if values.shape != (3,):
-            raise ValueError(f"step: the action has the shape {values.shape}, must be (3,)")
+        values = _three_numbers(action)
         self._actions.append(values)
         if self._normalised:
             values = np.clip(values, -1.0, 1.0)
@@ -276,24 +286,28 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
             values = middle + half_range(self._limits) * values
         self._action = values
         outcome = self._proceed()
-        sent = self._guidance.tick_record.view(TICK)[0]["control"][:, 4].copy()
-        previous, self._sent = self._sent, sent
+
+        # Reward of the true errors and of the change of what was sent
         errors = self._errors_m()
-        ended_early = outcome is not None and outcome.status != "completed"
-        change = ((self._sent - previous) / self._limits.step).tolist()
-        gained = reward(errors, change)
+        previous = self._sent
+        self._sent = self._guidance.tick_record.view(TICK)[0]["control"][:, 4].copy()
+        change = (self._sent - previous) / self._limits.step
+        gained = reward(errors, change.tolist())
+
         info: dict[str, Any] = {"tractor_error_m": errors[0], "trailer_error_m": errors[1]}
         if self._tick.fallback:
             info["fallback"] = self._tick.fallback
-        if outcome is not None:
-            self._run = None
-            info |= {"status": outcome.status, "failure": outcome.failure or ""}
-            info["time_s"] = outcome.duration_s
-            if outcome.status != "invalid":
-                for stage in (sense, estimate):  # of the tick that no command follows
-                    stage(self._setup, self._tick)
-        completed = outcome is not None and not ended_early
-        return self._observe(), gained, ended_early, completed, info
+        if outcome is None:
+            return self._observe(), gained, False, False, info
+
+        self._run = None
+        info |= {"status": outcome.status, "failure": outcome.failure or ""}
+        info["time_s"] = outcome.duration_s
+        if outcome.status != "invalid":
+            for stage in (sense, estimate):  # of the tick that no command follows
+                stage(self._setup, self._tick)
+        completed = outcome.status == "completed"
+        return self._observe(), gained, not completed, completed, info
 
     def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the picture of the camera that follows the vehicle, (480, 640, 3).
