@@ -556,6 +556,8 @@ def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
     for t in (every_s * k for k in range(750)):
         command = bench.command(SPEED, 0.25 * math.sin(0.5 * t), 0.3 * math.sin(1.3 * t))
         truths.append(plant.advance(command, steps(plant, every_s)))
+
+    # From axle to axle along the lengths
     v, yaw_t, yaw_d, yaw_i, delta_i, rate_t, rate_i = (
         column(truths, name)
         for name in (
@@ -577,6 +579,8 @@ def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
         )
     )
     axles = column(truths, "tractor")[:, :2] - column(truths, "trailer")[:, :2]
+
+    # The yaw rate of rolling, term by term
     lam = yaw_t - yaw_i
     drawbar = vehicle.drawbar_length * np.cos(delta_i)
     turning = -vehicle.hitch_offset * rate_t * np.cos(lam)
@@ -621,9 +625,9 @@ def bump(bench: Bench) -> Iterator[Measured]:
     ahead = places.max() + _RUN_UP_M
     plant = bench.plant(_lane(ahead, length, _HEIGHT * radius))
     plant.reset(0.0, 0.0, 0.0, SPEED)
-    travel = ahead + length - places.min() + 0.3  # until the last wheel has left the bump
-    mass = plant.model.body_mass
-    stiffness = plant.tyres.stiffness
+
+    # Drive until the last wheel has left the bump, and a second more
+    travel = ahead + length - places.min() + 0.3
     loads = []
     verticals = []
     for _ in range(round((travel / SPEED + 1.0) / every_s)):
@@ -632,12 +636,15 @@ def bump(bench: Bench) -> Iterator[Measured]:
         verticals.append((plant.data.xipos[:, 2] - before) / every_s)
     force = np.array(loads)
     vertical = np.array(verticals)
+
+    # Energy beside that of rolling on the level ground before the bump
+    mass = plant.model.body_mass
+    stiffness = plant.tyres.stiffness
     run_up = round((_RUN_UP_M - 0.2) / SPEED / every_s)
-    rest = force[run_up - round(0.5 / every_s) : run_up].mean(
-        axis=0
-    )  # while it still rolls on level ground
+    rest = force[run_up - round(0.5 / every_s) : run_up].mean(axis=0)
     energy = 0.5 * vertical**2 @ mass + 0.5 * (force - rest) ** 2 @ (1.0 / stiffness)
     remaining = float(energy[-round(0.2 / every_s) :].mean() / energy[run_up:].max())
+
     time = every_s * np.arange(1.0, len(energy) + 1.0)
     lines = (("front left", 0), ("rear left", 2), ("trailer left", 4))
     chart = Chart(

@@ -94,8 +94,8 @@ class LiveView(Publisher):
         except ImportError:
             raise LiveError(f"live view: needs foxglove-sdk; {install_hint('live')}") from None
         listener = _listener(port)
-        self._speed = speed
-        self._due_ns = 0
+
+        # What is shown
         context = self._context = foxglove.Context()  # its channels close when it is deleted
         self._channels = {
             topic.name: foxglove.Channel(
@@ -110,7 +110,11 @@ class LiveView(Publisher):
             for topic in topics_of(channels)
         }
         self._retained: dict[str, tuple[bytes, int]] = {}
+        self._speed = speed
+        self._due_ns = 0
         super().__init__(scenery, channels)
+
+        # The server is behind a gate, on a port of its own
         try:
             self._server = foxglove.start_server(
                 name=name,

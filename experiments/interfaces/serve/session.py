@@ -319,6 +319,8 @@ class Session:
         if tick.k == 0:
             text = f"driven over UDP, protocol {self._protocol.name}, by {self._protocol.peer_name}"
             setup.sink.event(Event(tick.now.time_s, "info", one_line(text)))
+
+        # Samples out, command in
         self._samples = tuple(self._protocol.period(data))
         self._send_samples()
         if self._settings.lockstep:
@@ -332,6 +334,8 @@ class Session:
             self._resume = False
             self._guidance.resume()
             setup.sink.event(Event(tick.now.time_s, "info", RESUMED))
+
+        # Whether it came in time
         self.commands.silence_s = (tick.k - self._latest_tick) * self._period_s
         if self._latest_tick == tick.k:
             self.used += 1

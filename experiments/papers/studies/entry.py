@@ -115,6 +115,7 @@ def _attempt(assembly: Assembly, draw: list[float]) -> float:
     path = assembly.reference.at(np.arange(assembly.ticks) * period_s)
     across = np.zeros(2)
     for state, trailer, inputs in zip(path.state, path.trailer_xy, path.inputs, strict=True):
+        # Where both points are beside their references
         cos = math.cos(state[2])
         sin = math.sin(state[2])
         x = np.array([now.tractor.x - state[0], now.trailer.x - trailer[0]])
@@ -126,6 +127,8 @@ def _attempt(assembly: Assembly, draw: list[float]) -> float:
         fold = max(fold, abs(now.beta))
         if fold > _LIMIT or math.hypot(along[0], across[0]) > _LOST_M:
             return math.inf
+
+        # Forward the tractor comes to the line; in reverse it turns the trailer to it
         if state[6] < 0.0:
             missing = float(np.clip(near * across[1], -cap, cap)) - yaw_i
             folded = float(np.clip(-length * turn * missing, -most, most))

@@ -65,9 +65,10 @@ class SweepReport:
 
 def make_report(sweep: Sweep) -> SweepReport:
     """Compute the content of a report."""
-    scales = sweep.scales
     against = best(sweep)
     table = groups(sweep)
+
+    # Tables of controllers
     paired = differences(sweep, against)
     tables = {"controllers": _table("Controllers: means over the runs", table, _means(sweep))}
     if len(paired):
@@ -82,6 +83,8 @@ def make_report(sweep: Sweep) -> SweepReport:
         _as_in_the_paper(),
     )
     tables["worst"] = _table("Worst runs", _worst(sweep), _of_runs(sweep))
+
+    # Figures, and a table of the points of axes that have few
     sections = [
         Section(
             "Tails of the error",
@@ -89,6 +92,7 @@ def make_report(sweep: Sweep) -> SweepReport:
             [tail_panel(sweep)],
         )
     ]
+    scales = sweep.scales
     listed = [scale for scale in scales if not scale.binned]
     if scales:
         curves = [curve_panels(sweep, scale, groups(sweep, [scale])) for scale in scales]

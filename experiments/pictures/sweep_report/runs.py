@@ -139,11 +139,14 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
     table = frame(_checked(file, study, origin.runs))
     if not len(table):
         raise InvalidRows(f"{file}: holds no row yet")
+
+    # Controllers in the order of the study, then others
     completed = table["status"].eq("completed")
     listed = (axis for axis in study.axis if "controller" in axis.names)
     planned = [value for axis in listed for value in getattr(axis, "values", ())]
     present = table["controller"].unique()
     order = dict.fromkeys([*(name for name in planned if name in present), *present])
+
     too_far = False if limit_m is None else table[WORKING_P95] > limit_m
     scales = [*_scales(study, table)]
     table = table.assign(
@@ -158,6 +161,7 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
             **{scale.column: places for scale, places in scales},
         }
     )
+
     name = origin.study or folder.resolve().name.removeprefix("sweep-")
     tool = table["tracking.all.tool.cross_p95_m"][table["error_cm"].notna()].notna()
     point = "trailer" if not tool.any() else "tool" if tool.all() else "working point"
