@@ -334,7 +334,9 @@ def estimate_row(estimate: Estimate) -> FloatArray:
     # sum: its square is infinite.
     known = [item for item in estimate.innovations if item.sensor in ROW_OF]
     compared = [item for item in known if math.isfinite(item.normalised_squared)]
-    record["nis"] = sum([item.normalised_squared for item in compared])
+    record["nis"] = 0.0
+    for item in compared:  # in the order of the filter's kernel; sum() rounds otherwise
+        record["nis"] += item.normalised_squared
     record["nis_dof"] = sum([item.dimension for item in compared])
     record["position_seen"] = any(item.accepted and item.sensor in _GNSS for item in known)
     return row
