@@ -75,7 +75,6 @@ def sweep(arguments: argparse.Namespace) -> int:
     """
     # Imported here so that --help does not load MuJoCo and Dask.
     from ..studies.sweep.dry_run import format_plan
-    from ..studies.sweep.engine import cores
     from ..studies.sweep.estimate import format_time
     from ..studies.sweep.folder import is_begun
     from ..studies.sweep.plan import SweepPlan
@@ -90,12 +89,18 @@ def sweep(arguments: argparse.Namespace) -> int:
             print(f"ttempc: note: left out: {reason}", file=sys.stderr)
 
     if arguments.dry_run:
-        workers = cores() if arguments.workers is None else max(1, arguments.workers)
-        print(f"{format_plan(plan)}\nestimate  {format_time(plan, workers)}")
+        print(f"{format_plan(plan)}\nestimate  {format_time(plan, _workers(arguments))}")
         return 0
     if arguments.merge:
         return _merge(plan, folder, arguments.merge, extent.runs)
     return _resumable(lambda: _drive(arguments, plan, folder, extent.runs), folder)
+
+
+def _workers(arguments: argparse.Namespace) -> int:
+    """Return how many runs are driven at a time on this machine."""
+    from ..studies.sweep.engine import cores
+
+    return cores() if arguments.workers is None else max(1, arguments.workers)
 
 
 def _merge(plan: SweepPlan, folder: Path, sources: Sequence[Path], runs: int) -> int:
@@ -112,7 +117,7 @@ def _merge(plan: SweepPlan, folder: Path, sources: Sequence[Path], runs: int) ->
 
 def _drive(arguments: argparse.Namespace, plan: SweepPlan, folder: Path, runs: int) -> None:
     """Drive what has no row yet of all `runs` of a sweep, or of a share of them."""
-    from ..studies.sweep.engine import cores, engine
+    from ..studies.sweep.engine import engine
     from ..studies.sweep.estimate import MOST_UNTOLD, format_time
     from ..studies.sweep.folder import is_begun, lock_folder
     from ..studies.sweep.merge import WHOLE
@@ -122,9 +127,12 @@ def _drive(arguments: argparse.Namespace, plan: SweepPlan, folder: Path, runs: i
     shard = arguments.shard or WHOLE
     count = sum(1 for _ in shard.runs(plan))
     if count > MOST_UNTOLD and not (arguments.quiet or arguments.dask or is_begun(folder)):
-        workers = cores() if arguments.workers is None else max(1, arguments.workers)
         of = f" (all {runs} runs, of which here {count})" if count < runs else ""
-        print(f"ttempc: takes {format_time(plan, workers)}{of}", file=sys.stderr, flush=True)
+        print(
+            f"ttempc: takes {format_time(plan, _workers(arguments))}{of}",
+            file=sys.stderr,
+            flush=True,
+        )
 
     with (
         engine(arguments.workers, arguments.dask) as submit,

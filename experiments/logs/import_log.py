@@ -47,7 +47,7 @@ from ..run.user_code import named_estimator
 from ..scenario.controller import TRUTH
 from ..scenario.path import Mission
 from ..scenario.scenario import Scenario, ScenarioFile, dump
-from .recorded_motion import RecordedMotion, axle_points, recorded_motion, samples_of
+from .recorded_motion import RecordedMotion, recorded_motion, samples_of, tractor_points
 from .replay import SAMPLE_ORDER
 
 RECORDED: Final = "recorded"
@@ -498,7 +498,7 @@ def _positions(
         places = places[known]
         if of_tractor and mapping.point == "antenna" and mapping.antenna_m:
             yaw = np.interp(times, motion.time_s, motion.psi_t)
-            places = axle_points(places, yaw, np.array(mapping.antenna_m))
+            places = tractor_points(places, yaw, np.array(mapping.antenna_m))
     else:
         times = motion.time_s
         points = (motion.x_t, motion.y_t) if of_tractor else (motion.x_i, motion.y_i)

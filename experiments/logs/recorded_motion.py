@@ -85,7 +85,7 @@ def recorded_motion(
     times, usual_s = _grid_of(at_s)
     record = _Gridded(columns, times)
 
-    # Track of the tractor
+    # The track of the tractor, with its speed and heading
     x_m, y_m = _between(times, at_s, place, usual_s)
     speed = _speed(record, x_m, y_m, usual_s)
     width = max(_SMOOTH_S, usual_s) / record.step_s
@@ -96,9 +96,9 @@ def recorded_motion(
     if yaw_rate is None:
         yaw_rate = gaussian_filter1d(np.gradient(psi_t, record.step_s), width)
     if point == "antenna":
-        x_m, y_m = axle_points(np.column_stack([x_m, y_m]), psi_t, antenna_m).T
+        x_m, y_m = tractor_points(np.column_stack([x_m, y_m]), psi_t, antenna_m).T
 
-    # Steering
+    # Steering angles follow from the motion where they are not recorded
     delta_t = record.column("steering_rad")
     if delta_t is None:
         record.computed.append("steering_tractor")
@@ -108,7 +108,7 @@ def recorded_motion(
         record.computed.append("steering_trailer")
         delta_i = np.zeros(len(times))
 
-    # Trailer
+    # The trailer follows where it is not recorded
     psi_i = _trailer_yaw(record, psi_t, delta_i, speed, yaw_rate, vehicle)
     if trailer_points is None:
         record.computed.append("gnss_trailer")
@@ -140,7 +140,7 @@ class _Gridded:
         self._columns = columns
         self.time_s = time_s
         self.step_s = time_s[1] - time_s[0]
-        self.computed: list[str] = []  # names of quantities
+        self.computed: list[str] = []  # names of the quantities, as of `RecordedMotion.computed`
 
     def column(self, name: str) -> FloatArray | None:
         """Return a column at the times of the grid, None where it is not recorded."""
@@ -202,7 +202,7 @@ def _between(
     return x_m, y_m
 
 
-def axle_points(places: FloatArray, yaw: FloatArray, antenna_m: FloatArray) -> FloatArray:
+def tractor_points(places: FloatArray, yaw: FloatArray, antenna_m: FloatArray) -> FloatArray:
     """Return the tractor points (n, 2) [m] of places of an antenna, by the yaw at each [rad].
 
     `antenna_m` is (3,): ahead of, left of and above the tractor point.

@@ -100,7 +100,7 @@ class Plant:
         self.soil_law: Final = wheel_law
         self.wheel_law = wheel_law.of(self.tyres.radial)  # of each wheel
 
-        # Model of MuJoCo
+        # The model and the state of MuJoCo
         self._spec = build_spec(vehicle, terrain, wheel_law, timestep_s)
         if implement:
             draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))

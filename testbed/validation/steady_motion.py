@@ -88,7 +88,8 @@ def steady_motion(
     lengths = vehicle.lengths
     cone_indices = np.full(len(WHEELS), cone_index)
     bn, mobility_number = mobility(vehicle.law, vehicle.tyres, load, cone_indices)
-    balance = _Balance(vehicle, delta_t, speed, load, bn, mobility_number, side_pull)
+    heading = _wheel_headings(vehicle, math.tan(delta_t))
+    balance = _Balance(vehicle, heading, speed, load, bn, mobility_number, side_pull)
 
     # From the circle of Ackermann, with slips of slow driving
     circle = speed * math.tan(delta_t) / lengths.wheelbase
@@ -106,11 +107,11 @@ class _Balance:
     """Balance of a vehicle that circles steadily; arguments as of `steady_motion`."""
 
     vehicle: Planar
-    delta_t: float
+    heading: FloatArray  # of the wheels in their own body [rad], (6,)
     speed: float
     load: FloatArray
-    bn: FloatArray  # mobility numbers of the wheels, both (6,)
-    mobility_number: FloatArray
+    bn: FloatArray  # mobility number Bn of the wheels, (6,)
+    mobility_number: FloatArray  # mobility number M of the wheels, (6,)
     side_pull: float
 
     def imbalance(self, unknown: FloatArray) -> FloatArray:
@@ -169,7 +170,7 @@ class _Balance:
     ) -> tuple[FloatArray, FloatArray]:
         """Return forces on the wheels (6, 2) [N], and gross traction over load (6,)."""
         law = self.vehicle.law
-        heading = _wheel_headings(self.vehicle, math.tan(self.delta_t)) - beta * TRAILER
+        heading = self.heading - beta * TRAILER
         ahead = np.column_stack([np.cos(heading), np.sin(heading)])
         left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
         along = (velocity * ahead).sum(axis=1)

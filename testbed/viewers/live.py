@@ -95,7 +95,7 @@ class LiveView(Publisher):
             raise LiveError(f"live view: needs foxglove-sdk; {install_hint('live')}") from None
         listener = _listener(port)
 
-        # What is shown
+        # A channel for each topic that is shown
         context = self._context = foxglove.Context()  # its channels close when it is deleted
         self._channels = {
             topic.name: foxglove.Channel(

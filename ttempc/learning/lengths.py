@@ -226,7 +226,7 @@ class _Point:
     cost: float  # twice the negative logarithm of the posterior density
     normal: FloatArray  # J' J + P0^-1, (p, p)
     gradient: FloatArray  # J' r + P0^-1 (theta - theta_0), (p,)
-    gradients: FloatArray  # J' r of each block of time, (blocks, p)
+    block_gradients: FloatArray  # J' r of each block of time, (blocks, p)
     roughness: float  # see `Misfit`
 
     @classmethod
@@ -238,13 +238,13 @@ class _Point:
         misfit = data.run(present, raised)
 
         offset = lengths - prior.mean
-        gradients = misfit.gradients / step
+        block_gradients = misfit.block_gradients / step
         return cls(
             lengths=lengths,
             cost=misfit.cost + float(offset @ prior.information @ offset),
             normal=misfit.normal / np.outer(step, step) + prior.information,
-            gradient=gradients.sum(axis=0) + prior.information @ offset,
-            gradients=gradients,
+            gradient=block_gradients.sum(axis=0) + prior.information @ offset,
+            block_gradients=block_gradients,
             roughness=misfit.roughness,
         )
 
@@ -264,7 +264,7 @@ class _Point:
         likelihood estimation of misspecified models", Econometrica 50).
         """
         inverse = np.linalg.inv(self.normal)
-        deviation = (self.gradients - self.gradients.mean(axis=0)) @ inverse
+        deviation = (self.block_gradients - self.block_gradients.mean(axis=0)) @ inverse
         return inverse + deviation.T @ deviation
 
 
@@ -319,4 +319,5 @@ def _sizes(vehicle: Vehicle) -> FloatArray:
 
 def _with_lengths(vehicle: Vehicle, lengths: FloatArray) -> Vehicle:
     """Return `vehicle` with other lengths (p,), or with the first of them where fewer are given."""
-    return replace(vehicle, **dict(zip(_names(vehicle), lengths.tolist(), strict=False)))
+    names = _names(vehicle)[: len(lengths)]
+    return replace(vehicle, **dict(zip(names, lengths.tolist(), strict=True)))

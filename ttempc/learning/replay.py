@@ -201,7 +201,7 @@ class Misfit:
 
     cost: float  # twice the negative log-likelihood
     normal: FloatArray  # (p, p), J' J
-    gradients: FloatArray  # (blocks, p), J' r of each block of time
+    block_gradients: FloatArray  # (blocks, p), J' r of each block of time
     roughness: float  # factor `NoiseScale.GROUND` at the end
 
 

@@ -86,6 +86,7 @@ def smooth(
     """
     if not (math.isfinite(max_deviation_m) and max_deviation_m > 0.0):
         raise InvalidPath(f"max_deviation_m: got {max_deviation_m}, must be finite and above 0")
+    points = np.asarray(points, dtype=np.float64)  # `_smoothed` reads its memory as such
     return _smoothed(points.tobytes(), points.shape, max_deviation_m, suits)
 
 
@@ -96,8 +97,8 @@ def _smoothed(
     max_deviation_m: float,
     suits: Callable[[Path], bool] | None,
 ) -> SmoothedPath:
-    """Do `smooth`, of the points (n, 2) in the memory of an array."""
-    polygon = _Polygon.of(np.frombuffer(points).reshape(shape))
+    """Do `smooth`, of the points (n, 2) in the memory of an array of doubles."""
+    polygon = _Polygon.of(np.frombuffer(points, dtype=np.float64).reshape(shape))
     smoothest = polygon.largest_penalty_within(0.99 * max_deviation_m)
     chosen = polygon.path_of(smoothest)
     if suits is not None:

@@ -90,7 +90,7 @@ def _three_numbers(action: object) -> FloatArray:
     """
     try:
         values = np.asarray(action)
-        # of objects each is converted by itself; of text or complex numbers none
+        # An array of objects is converted entry by entry; text and complex numbers are refused
         casting = "unsafe" if values.dtype == object else "same_kind"
         values = values.astype(float, casting=casting)
     except (TypeError, ValueError, OverflowError) as error:
@@ -171,7 +171,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         }
         _refuse_arguments(self._arguments)
 
-        # Scenario and vehicle
+        # The scenario, the vehicle and its limits
         source = read_scenario(scenario)
         changes = parse_overrides(overrides)
         self._scenario = source.scenario(changes, changed_by="overrides")
@@ -182,7 +182,7 @@ class FieldTrial(gymnasium.Env[Entries, Entries]):
         self._vehicle = model_vehicle(mission, self._scenario, self._scenario.vehicles())
         self._limits = CommandLimits.of(self._vehicle, self._scenario.control.period_s)
 
-        # Spaces
+        # What a policy sees, and what it answers
         largest, scale = bounds(ESTIMATE_NAMES)
         self._scale = scale.astype(np.float32) if normalised else None
         largest = np.ones(len(scale), np.float32) if normalised else largest.astype(np.float32)

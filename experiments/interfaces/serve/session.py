@@ -320,7 +320,7 @@ class Session:
             text = f"driven over UDP, protocol {self._protocol.name}, by {self._protocol.peer_name}"
             setup.sink.event(Event(tick.now.time_s, "info", one_line(text)))
 
-        # Samples out, command in
+        # Send the samples, then wait for the command
         self._samples = tuple(self._protocol.period(data))
         self._send_samples()
         if self._settings.lockstep:

@@ -131,7 +131,7 @@ def make_power(runner: Runner) -> Block:
     heads = [f"seeds {format_numbers(seeds)}" for seeds in sets]
     differing = [{*pair[3:]} for pair in verdicts if pair[3] != pair[4]]
     against = sum("undecided" not in said for said in differing)
-    same = f"{len(pairs) - len(differing)} of {len(pairs)} are the same, {against} contradict"
+    same = f"{len(pairs) - len(differing)} of {len(pairs)} are the same, contradicting {against}"
     columns = ("trial", f"pairs with t above {_SEPARATED:g}")
     text = f"Ratio of the scores, and what it says of the first; of the verdicts {same}:"
     return Block(

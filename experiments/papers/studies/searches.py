@@ -107,7 +107,8 @@ def ray_tables(reports: Sequence[Report]) -> list[str]:
     spread = np.ptp(found.mean(axis=1)) / found.mean()
     if spread <= MARGIN:
         tables.append(
-            f"All controllers fail within {100 * spread:.1f} % of each other: a limit of the plant."
+            f"All controllers fail within {100 * spread:.1f} % of each other: a limit of plant and "
+            "detectors, not of the controller."
         )
     if least:
         tables.append(markdown(("least severe failure", "severity", *keys, "end"), least))

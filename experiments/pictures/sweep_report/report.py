@@ -68,7 +68,7 @@ def make_report(sweep: Sweep) -> SweepReport:
     against = best(sweep)
     table = groups(sweep)
 
-    # Tables of controllers
+    # Tables whose rows are the controllers
     paired = differences(sweep, against)
     tables = {"controllers": _table("Controllers: means over the runs", table, _means(sweep))}
     if len(paired):

@@ -141,6 +141,14 @@ def test_where_no_path_suits_the_smoothest_is_returned():
     assert never.deviation_m == smooth(corner, 0.1).deviation_m
 
 
+def test_points_are_read_by_their_values_not_by_their_memory():
+    """Whole numbers, single precision and arrays by columns describe the same line."""
+    points = np.array([[0, 0], [20, 0], [40, 8]])
+    path = smooth(points.astype(float), 0.3)
+    for same in (points, points.astype(np.float32), np.asfortranarray(points, dtype=float)):
+        np.testing.assert_array_equal(smooth(same, 0.3).distance_m, path.distance_m)
+
+
 def test_a_path_is_kept_for_the_same_points_and_vehicle_alone():
     """A caller may go on with its points; it may not change what others get."""
     points = sine()
