@@ -9,16 +9,28 @@ from ..layout import FLOAT, AlarmColumn, SampleColumn
 from ..sensors import GNSS_OF_BODY, IMU_OF_BODY, Body, SensorIndex
 from ..types import FloatArray, State
 from .board import Record, TickData, has_alarm
-from .ground import GROUND, ONSETS, WAYS, begin_onset, new_ground, place, travel
+from .ground import CHANGES, GROUND, ONSETS, WAYS, Change, begin_onset, new_ground, place, travel
+from .gyro import doubt_gyros
 from .history import kernel
 from .table import DetectorIndex
 
 BINS: Final = 5
-BIN_ENDS_S: Final = (6.0, 15.0, 30.0, 55.0, math.inf)
+_SHORT_S: Final = 6.0
+BIN_ENDS_S: Final = (_SHORT_S, 15.0, 30.0, 55.0, math.inf)
 """Ages of an onset up to which its ratio counts in a bin.
 
 Bumps and ruts look like short drifts: the ratios of short windows are larger, so that each bin has
 a limit of its own."""
+
+RATIOS: Final = np.dtype(
+    [
+        ("drift", "f8"),  # J of a drift where nothing else changes
+        ("drift_mps", "f8"),  # that drift
+        ("scale", "f8"),  # J of an error of the encoder where nothing else changes
+        ("beside", "f8"),  # what a drift explains beside an error of the encoder
+    ]
+)
+"""Likelihood ratios of what may have begun at one moment, by both receivers."""
 
 DRIFT: Final = np.dtype(
     [
@@ -28,31 +40,34 @@ DRIFT: Final = np.dtype(
         ("between", "f8", 2),  # from tractor point to trailer point at that tick [m]
         ("slopes", "f8", (2, 2)),  # of the bodies: roll and pitch [rad]
         ("knows_slope", "f8"),  # whether an IMU has measured them
-        ("ages_s", "f8", ONSETS),  # since the assumed begin of each drift, -1: not in use
+        ("ages_s", "f8", ONSETS),  # since the assumed begin of each change, -1: not in use
         ("restless_at", "f8", ONSETS),  # how restless the ground was at that begin
         ("next_onset", "f8"),  # number of the onset that is replaced next
         ("next_s", "f8"),  # time until then [s]
         ("restless", "f8"),  # mean ratio of the shortest windows
         ("restless_s", "f8"),  # over how long it is taken
+        ("ratios", RATIOS, ONSETS),
         ("scaled", "f8", BINS),  # largest ratio of each bin, over that of restless ground
         ("drifts_mps", "f8", BINS),  # of the onset with that ratio
         ("drift_ages_s", "f8", BINS),  # and its age
         ("way", "f8", 1 + 2 * WAYS),  # workspace
+        ("information", "f8", (CHANGES, CHANGES)),  # workspace: of an onset, by both receivers
+        ("evidence", "f8", CHANGES),  # workspace
     ]
 )
 """Memory of the detector."""
 
-LIMITS_WITH_SLOPE: Final = (14.8, 16.0, 16.7, 15.1, 15.5)
+LIMITS_WITH_SLOPE: Final = (7.6, 10.4, 11.4, 11.3, 11.8)
 """First limits of the scaled ratio by the bins of `BIN_ENDS_S`, where an IMU measures the slope.
 
-They are for one false alarm an hour over all fields, by
-`python -m proving_ground.experiments.papers drift-limits`; soft patches, furrows and working speed
-make them two to three times what the other fields need."""
-LIMITS_WITHOUT_SLOPE: Final = (17.4, 20.9, 21.3, 20.1, 18.7)
-"""The same without an IMU, by the same command."""
-# Times the first limits where velocities of GNSS confirm the positions: with 1.5 a healthy vehicle
-# slowed down once an hour, for a drift that both measurements of a receiver would have to share
-_CONFIRMED: Final = 2.5
+They are a fifth above those for one false alarm an hour over all fields, by
+`python -m proving_ground.experiments.papers drift-limits`."""
+LIMITS_WITHOUT_SLOPE: Final = (11.5, 16.0, 18.5, 16.5, 17.5)
+"""Those for one false alarm an hour without an IMU, by the same command; ground that a tool loads
+makes them twice what the other fields need."""
+# Times the first limits where velocities of GNSS confirm the positions: a slip that no slope
+# explains is far more likely than a drift that both measurements of a receiver share; assumed
+_CONFIRMED: Final = 2.0
 
 _RESTLESS_S: Final = 60.0  # of the mean ratio of the shortest windows
 _FIRST_RESTLESS_S: Final = 15.0  # weight of what is assumed of it at first
@@ -62,7 +77,8 @@ _RESTLESS_POWER: Final = 1.5  # of the restlessness, by which long ratios grow; 
 _LONGEST_TICK_S: Final = 1.0
 _EVERY_S: Final = 5.0  # from one onset to the next: the longest window is 120 s
 _LEAST_AGE_S: Final = 3.0
-_DRIFT_MPS: Final = 0.15  # standard deviation of a drift; assumed
+# Standard deviations by `Change`: of a drift [m/s], and of an error of the encoder; assumed
+_CHANGE_SD: Final = (0.15, 0.15, 0.1)
 _LEAST_MISFIT: Final = 0.3
 
 
@@ -97,16 +113,23 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
 
     with the sums over the positions of both receivers, which share the drift.
 
+    An encoder that is wrong by a share from t0 on, or wheels that begin to slip, move both
+    positions along the heading and would pass for a drift. G has a column for this share as well:
+    J is the smaller one of two, without that column, and with it less what it explains alone; it
+    is 0 where an error of the encoder explains more than the drift. A drift along the heading is
+    thus none until the heading turns.
+
     J is divided by R^1.5, R how restless the ground was when the onset was assumed: the mean over a
-    minute of the largest J of the shortest windows, which bumps and slips move more than a slow
-    drift. Taken before the onset, it has nothing of a drift that began with it. The statistic
-    is the largest ratio of a scaled J to the limit of its bin of window lengths.
+    minute of the largest J of the shortest windows, without that column, which bumps and slips move
+    more than a slow drift. Taken before the onset, it has nothing of a drift that began with it.
+    The statistic is the largest ratio of a scaled J to the limit of its bin of window lengths.
 
     Roll and pitch of the IMUs are what side slip and wheel slip on a slope follow, by two
     coefficients that are learnt. Without IMUs slopes look like drifts: limits are higher.
 
-    Above the first limit the vehicle slows down, above the second one it stops, unless velocities
-    of GNSS confirm the positions.
+    Above the first limit the vehicle slows down, above the second one it stops. Where velocities
+    of GNSS confirm the positions it does not stop, and both gyros are blamed first: like sensors
+    may fail alike.
 
     Args:
         memory: record `DRIFT`.
@@ -140,6 +163,8 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
     if placed and span_s > 0.0:
         _write_ratios(memory, min(span_s, _LONGEST_TICK_S))
         _judge(memory, board, confirmed)
+        if confirmed and memory.knows_slope > 0.0:
+            _suspect_gyros(memory, board)
 
 
 @kernel
@@ -257,19 +282,21 @@ def _write_ratios(memory: Record, span_s: float) -> None:
         memory.scaled[n] = 0.0
     shortest = 0.0
     for number in range(ONSETS):
+        _compare_changes(memory, number)
+        if 0.0 <= memory.ages_s[number] < _SHORT_S:
+            shortest = max(shortest, memory.ratios[number].drift)
+    for number in range(ONSETS):
         age_s = memory.ages_s[number]
-        if age_s < _LEAST_AGE_S:
+        ratios = memory.ratios[number]
+        if age_s < _LEAST_AGE_S or _is_of_encoder(memory, number):
             continue
         n = 0
         while age_s >= BIN_ENDS_S[n]:
             n += 1
-        ratio, drift_mps = _ratio(memory, number)
-        if n == 0:
-            shortest = max(shortest, ratio)
-        scaled = ratio / memory.restless_at[number] ** _RESTLESS_POWER
+        scaled = min(ratios.drift, ratios.beside) / memory.restless_at[number] ** _RESTLESS_POWER
         if scaled > memory.scaled[n]:
             memory.scaled[n] = scaled
-            memory.drifts_mps[n] = drift_mps
+            memory.drifts_mps[n] = ratios.drift_mps
             memory.drift_ages_s[n] = age_s
     if shortest > 0.0:
         memory.restless_s = min(memory.restless_s + span_s, _RESTLESS_S)
@@ -278,22 +305,69 @@ def _write_ratios(memory: Record, span_s: float) -> None:
 
 
 @kernel
-def _ratio(memory: Record, number: int) -> tuple[float, float]:
-    """Return the likelihood ratio J of an onset by both receivers, and its drift [m/s]."""
-    c_00 = 1.0 / _DRIFT_MPS**2
-    c_11 = c_00
-    c_01 = 0.0
-    d_0 = 0.0
-    d_1 = 0.0
+def _is_of_encoder(memory: Record, number: int) -> bool:
+    """Return whether an error of the encoder explains more than the drift of an onset.
+
+    It may have begun at any time from the onset before on: at the wrong one it leaves a rest that
+    a drift explains.
+    """
+    oldest_s = memory.ages_s[number] + 1.5 * _EVERY_S
+    for other in range(ONSETS):
+        counts = _LEAST_AGE_S <= memory.ages_s[other] < oldest_s
+        if counts and memory.ratios[other].scale > memory.ratios[number].drift:
+            return True
+    return False
+
+
+@kernel
+def _compare_changes(memory: Record, number: int) -> None:
+    """Write the likelihood ratios of an onset by both receivers; 0 for one that is too young."""
+    ratios = memory.ratios[number]
+    ratios.drift = 0.0
+    ratios.scale = 0.0
+    ratios.beside = 0.0
+    if memory.ages_s[number] < _LEAST_AGE_S:
+        return
+    _sum_up(memory, number)
+    c = memory.information
+    d = memory.evidence
+    ratios.drift, ratios.drift_mps = _explained(c[0, 0], c[0, 1], c[1, 1], d[0], d[1])
+    ratios.scale = d[Change.SCALE] ** 2 / c[Change.SCALE, Change.SCALE]
+
+    # With the error of the encoder eliminated
+    share_0 = c[0, Change.SCALE] / c[Change.SCALE, Change.SCALE]
+    share_1 = c[1, Change.SCALE] / c[Change.SCALE, Change.SCALE]
+    ratios.beside, _ = _explained(
+        c[0, 0] - share_0 * c[0, Change.SCALE],
+        c[0, 1] - share_0 * c[1, Change.SCALE],
+        c[1, 1] - share_1 * c[1, Change.SCALE],
+        d[0] - share_0 * d[Change.SCALE],
+        d[1] - share_1 * d[Change.SCALE],
+    )
+
+
+@kernel
+def _sum_up(memory: Record, number: int) -> None:
+    """Write information and evidence of an onset by both receivers, and of what is assumed."""
+    memory.information[:] = 0.0
+    memory.evidence[:] = 0.0
+    for change in range(CHANGES):
+        memory.information[change, change] = 1.0 / _CHANGE_SD[change] ** 2
     for body in range(2):
         receiver = memory.receivers[body]
         onset = receiver.onsets[number]
         weight = 1.0 / max(receiver.misfit, _LEAST_MISFIT)
-        c_00 += weight * onset.information[0, 0]
-        c_11 += weight * onset.information[1, 1]
-        c_01 += weight * onset.information[0, 1]
-        d_0 += weight * onset.evidence[0]
-        d_1 += weight * onset.evidence[1]
+        for change in range(CHANGES):
+            memory.evidence[change] += weight * onset.evidence[change]
+            for other in range(CHANGES):
+                memory.information[change, other] += weight * onset.information[change, other]
+
+
+@kernel
+def _explained(
+    c_00: float, c_01: float, c_11: float, d_0: float, d_1: float
+) -> tuple[float, float]:
+    """Return d' C^-1 d, and the length of C^-1 d."""
     determinant = c_00 * c_11 - c_01 * c_01
     east = (c_11 * d_0 - c_01 * d_1) / determinant
     north = (c_00 * d_1 - c_01 * d_0) / determinant
@@ -323,3 +397,16 @@ def _judge(memory: Record, board: Record, confirmed: bool) -> None:
         board.residual[index] = largest
         board.proposed[index, AlarmColumn.FIRST] = 100.0 * drift_mps
         board.proposed[index, AlarmColumn.SECOND] = drift_mps * age_s
+
+
+@kernel
+def _suspect_gyros(memory: Record, board: Record) -> None:
+    """Blame both gyros for what velocities of GNSS say is no drift; begin anew without them.
+
+    Where they are not used any more, or their detectors do not run, the alarm stays that of the
+    drift.
+    """
+    index = DetectorIndex.DRIFT
+    if board.statistic[index] > board.limit[index] and doubt_gyros(board):
+        board.statistic[index] = 0.0
+        memory.ages_s[:] = -1.0

@@ -42,17 +42,29 @@ _KEPT: Final = 12  # ticks of which the way is kept, for samples that arrive lat
 ONSETS: Final = 24
 """Number of moments at which a drift may have begun, see `observe_drift`."""
 
+
+class Change(IntEnum):
+    """What may have begun at an onset."""
+
+    EAST = 0  # the receiver drifts east [m/s]
+    NORTH = 1
+    SCALE = 2  # the encoder, or the slip of the wheels that it counts, is off by a share
+
+
+CHANGES: Final = len(Change)
+
 _SETTLES_S: Final = 12.0  # from a receiver's first position to an onset that it tells of
 
 _ONSET: Final = np.dtype(
     [
-        ("tells", "f8"),  # whether the receiver had settled when the drift began
-        ("signature", "f8", (_SIZE, 2)),  # effect of a unit drift on the error of the state
-        ("information", "f8", (2, 2)),  # about the drift [s^2/m^2]
-        ("evidence", "f8", 2),  # for a drift east and north [s/m]
+        ("tells", "f8"),  # whether the receiver had settled when the change began
+        ("signature", "f8", (_SIZE, CHANGES)),  # effect of a unit change on the error of the state
+        ("information", "f8", (CHANGES, CHANGES)),  # about the change [1 over its unit squared]
+        ("evidence", "f8", CHANGES),  # for the change [1 over its unit]
     ]
 )
-"""What a receiver tells of the hypothesis that a drift began at one moment."""
+"""What a receiver tells of the hypothesis that a drift or an error of the encoder began at one
+moment."""
 
 GROUND: Final = np.dtype(
     [
@@ -244,11 +256,12 @@ def _restart(memory: Record, way: FloatArray, x: float, y: float, knows_slope: b
 
 @kernel
 def begin_onset(memory: Record, number: int) -> None:
-    """Assume that a drift begins now, in place of what was assumed under this number."""
+    """Assume that a change begins now, in place of what was assumed under this number."""
     onset = memory.onsets[number]
     _clear(onset)
     if memory.settled_s >= _SETTLES_S:
         onset.tells = 1.0
+        onset.signature[1 + Way.CLIMB, Change.SCALE] = 1.0
 
 
 @kernel
@@ -294,11 +307,11 @@ def _predict(memory: Record, span_s: float, way: FloatArray) -> None:
             continue
         for axis in range(2):
             onset.signature[axis, axis] += span_s
-            for drift in range(2):
+            for change in range(CHANGES):
                 total = 0.0
                 for n in range(SLIPS):
-                    total += way[3 + 2 * n + axis] * onset.signature[2 + n, drift]
-                onset.signature[axis, drift] += total
+                    total += way[3 + 2 * n + axis] * onset.signature[2 + n, change]
+                onset.signature[axis, change] += total
 
 
 @kernel
@@ -362,13 +375,13 @@ def _correct(memory: Record, east: float, north: float) -> None:
         onset = memory.onsets[number]
         if onset.tells == 0.0:
             continue
-        for drift in range(2):
-            g_0 = onset.signature[0, drift]
-            g_1 = onset.signature[1, drift]
+        for change in range(CHANGES):
+            g_0 = onset.signature[0, change]
+            g_1 = onset.signature[1, change]
             weighted_0 = i_00 * g_0 + i_01 * g_1
             weighted_1 = i_01 * g_0 + i_11 * g_1
             for row in range(_SIZE):
-                onset.signature[row, drift] -= p[row, 0] * weighted_0 + p[row, 1] * weighted_1
+                onset.signature[row, change] -= p[row, 0] * weighted_0 + p[row, 1] * weighted_1
     _reduce_covariance(p, i_00, i_01, i_11)
 
 
@@ -376,16 +389,16 @@ def _correct(memory: Record, east: float, north: float) -> None:
 def _add_evidence(
     onset: Record, weighted_u: float, weighted_v: float, i_00: float, i_01: float, i_11: float
 ) -> None:
-    """Add the evidence of a weighted innovation and its information about a drift."""
-    for drift in range(2):
-        g_0 = onset.signature[0, drift]
-        g_1 = onset.signature[1, drift]
-        onset.evidence[drift] += g_0 * weighted_u + g_1 * weighted_v
-        for other in range(2):
+    """Add the evidence of a weighted innovation and its information about a change."""
+    for change in range(CHANGES):
+        g_0 = onset.signature[0, change]
+        g_1 = onset.signature[1, change]
+        onset.evidence[change] += g_0 * weighted_u + g_1 * weighted_v
+        for other in range(CHANGES):
             h_0 = onset.signature[0, other]
             h_1 = onset.signature[1, other]
-            onset.information[drift, other] += g_0 * (i_00 * h_0 + i_01 * h_1)
-            onset.information[drift, other] += g_1 * (i_01 * h_0 + i_11 * h_1)
+            onset.information[change, other] += g_0 * (i_00 * h_0 + i_01 * h_1)
+            onset.information[change, other] += g_1 * (i_01 * h_0 + i_11 * h_1)
 
 
 @kernel

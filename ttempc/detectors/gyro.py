@@ -1,8 +1,9 @@
 """Detector of a gyro that contradicts the turn of its receiver's track; one for each body.
 
 Beside it stands the turn of the wheels: the hitch detector asks whether a gyro that contradicts
-it is what it sees. The detector of drift does not ask: in 17 of 102 drives whose receivers drifted
-(seed 9101) a gyro without a fault contradicted the wheels.
+it is what it sees. The detector of drift does not ask the wheels: in 17 of 102 drives whose
+receivers drifted (seed 9101) a gyro without a fault contradicted them. It doubts both gyros where
+velocities of GNSS confirm the positions.
 """
 
 import math
@@ -147,8 +148,8 @@ def blame_gyros(gyros: Record, board: Record) -> bool:
     """Begin the alarms of both gyros where one contradicts the wheels; return whether one does.
 
     For the hitch detector where its statistic is above its limit, which a lying gyro raises as
-    well as a wrong angle. Gyros of one make fail alike, so that neither is used any more. A gyro
-    whose detector does not run, or that has its alarm already, is not asked.
+    well as a wrong angle. A gyro whose detector does not run, or that has its alarm already, is
+    not asked.
 
     Args:
         gyros: records `GYRO` of tractor and trailer, after this tick.
@@ -159,11 +160,21 @@ def blame_gyros(gyros: Record, board: Record) -> bool:
         index = DetectorIndex.GYRO_TRACTOR + body
         is_judged = board.enabled[index] and not has_alarm(board, index)
         blamed = blamed or (is_judged and _contradicts_wheels(gyros[body]))
-    if blamed:
-        for index in (DetectorIndex.GYRO_TRACTOR, DetectorIndex.GYRO_TRAILER):
-            if board.enabled[index]:
-                board.statistic[index] = _BLAMED * board.limit[index]
-    return blamed
+    return blamed and doubt_gyros(board)
+
+
+@kernel
+def doubt_gyros(board: Record) -> bool:
+    """Begin the alarms of both gyros; return whether one begins that did not stand yet.
+
+    Gyros of one make fail alike, so that neither is used any more.
+    """
+    begins = False
+    for index in (DetectorIndex.GYRO_TRACTOR, DetectorIndex.GYRO_TRAILER):
+        if board.enabled[index] and not has_alarm(board, index):
+            board.statistic[index] = _BLAMED * board.limit[index]
+            begins = True
+    return begins
 
 
 @kernel

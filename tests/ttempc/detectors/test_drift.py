@@ -12,6 +12,7 @@ from ttempc.types import Estimate, Measurement, Sensor
 
 DRIFT = [BUILT_IN[index].name for index in (DetectorIndex.DRIFT, DetectorIndex.DRIFT_SURE)]
 AT_REST = BUILT_IN[DetectorIndex.AT_REST].name
+GYROS = [BUILT_IN[index].name for index in (DetectorIndex.GYRO_TRACTOR, DetectorIndex.GYRO_TRAILER)]
 VELOCITIES = (Sensor.VELOCITY_TRACTOR, Sensor.VELOCITY_TRAILER)
 BEHIND_M = 3.0
 RADIUS_M = 12.0
@@ -29,11 +30,23 @@ class Circle:
         self.shares = shares  # of each receiver in the drift
         self.last = {}
         self.drifted = np.zeros(2)  # at the tick before
+        self.encoder = 1.0  # factor of its error
+        self.turned = 0.0  # error of the estimated heading [rad]
 
-    def drive(self, seconds, slope=0.0, drift_mps=0.0, from_s=0.0, speed_mps=1.0):
+    def drive(
+        self,
+        seconds,
+        slope=0.0,
+        drift_mps=0.0,
+        from_s=0.0,
+        speed_mps=1.0,
+        encoder=1.0,
+        turn_rad_s=0.0,
+    ):
         """Return the times at which each alarm begins [s], by name, and the alarms at the end.
 
-        The slope falls east with side slips as large as `slope`; the drift is to the north.
+        The slope falls east with side slips as large as `slope`. From `from_s` on the positions
+        drift to the north, the encoder is wrong by a factor, and the estimated heading turns away.
         """
         begins = {}
         alarms = ()
@@ -46,6 +59,9 @@ class Circle:
             slipped = slipped + PERIOD_S * speed * slope * left[0] * left
             drifted = np.array([0.0, drift_mps * max(0.0, time_s - from_s)])
             moved = slipped, drifted
+            wrong_s = max(0.0, time_s - from_s)
+            self.encoder = encoder if wrong_s else 1.0
+            self.turned = turn_rad_s * wrong_s
             alarms = observed(self.monitors, self._seen(time_s, angle, speed, moved, slope))
             for alarm in alarms:
                 begins.setdefault(alarm.detector, time_s)
@@ -57,7 +73,8 @@ class Circle:
         ahead = np.array([-np.sin(angle), np.cos(angle)])
         tractor = RADIUS_M * np.array([np.cos(angle), np.sin(angle)]) + slipped
         trailer = tractor - BEHIND_M * ahead
-        samples = [Measurement(time_s, Sensor.ENCODER, (speed + self.rng.normal(0.0, 0.03),))]
+        wheels_mps = self.encoder * speed + self.rng.normal(0.0, 0.03)
+        samples = [Measurement(time_s, Sensor.ENCODER, (wheels_mps,))]
         receivers = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
         for sensor, place, share in zip(receivers, (tractor, trailer), self.shares, strict=True):
             at = place + share * drifted + self.rng.normal(0.0, 0.03, 2)
@@ -80,7 +97,7 @@ class Circle:
             samples += [
                 Measurement(time_s, Sensor(f"imu_{b}"), tilt) for b in ("tractor", "trailer")
             ]
-        yaw = angle + 0.5 * np.pi
+        yaw = angle + 0.5 * np.pi + self.turned
         state = np.array([*tractor, yaw, yaw, 0.0, 0.0, speed])
         estimate = Estimate(time_s, state, 1e-4 * np.eye(7), trailer, 0.0)
         return Observation(time_s, samples, None, estimate, VEHICLE)
@@ -104,6 +121,27 @@ def test_positions_that_velocities_confirm_slow_the_vehicle_down_and_never_stop_
     alone, _ = Circle(DRIFT, imu=True).drive(150.0, drift_mps=0.04, from_s=40.0)
     assert [*begins] == [DRIFT[0]]
     assert begins[DRIFT[0]] > alone[DRIFT[0]]
+
+
+@pytest.mark.parametrize("imu", [False, True])
+@pytest.mark.parametrize("encoder", [0.85, 1.15])
+def test_an_encoder_that_is_wrong_is_no_drift(encoder, imu):
+    """Along the heading it moves both positions as a drift does, but turns with it."""
+    begins, _ = Circle(DRIFT, imu=imu).drive(120.0, from_s=40.0, encoder=encoder)
+    assert not begins
+
+
+def test_gyros_are_blamed_where_velocities_confirm_the_positions():
+    """A heading that turns away bends dead reckoning; without velocities that is a drift."""
+    names = [*DRIFT, *GYROS]
+    alone, _ = Circle(names, imu=True).drive(120.0, from_s=40.0, turn_rad_s=0.005)
+    assert DRIFT[0] in alone
+    assert not set(GYROS) & set(alone)
+
+    names.append(BUILT_IN[DetectorIndex.VELOCITY].name)
+    begins, _ = Circle(names, imu=True, velocity=True).drive(90.0, from_s=40.0, turn_rad_s=0.005)
+    assert begins[GYROS[0]] == begins[GYROS[1]] > 40.0
+    assert DRIFT[0] not in begins or begins[DRIFT[0]] > begins[GYROS[0]]
 
 
 def test_the_two_limits_are_seen_in_this_order_and_a_faster_drift_sooner():
