@@ -13,6 +13,7 @@ from .ground import CHANGES, GROUND, ONSETS, WAYS, Change, begin_onset, new_grou
 from .gyro import doubt_gyros
 from .history import kernel
 from .table import DetectorIndex
+from .velocity import contradicts_drift
 
 BINS: Final = 5
 _SHORT_S: Final = 6.0
@@ -25,7 +26,7 @@ a limit of its own."""
 RATIOS: Final = np.dtype(
     [
         ("drift", "f8"),  # J of a drift where nothing else changes
-        ("drift_mps", "f8"),  # that drift
+        ("drift_mps", "f8", 2),  # that drift, east and north
         ("scale", "f8"),  # J of an error of the encoder where nothing else changes
         ("beside", "f8"),  # what a drift explains beside an error of the encoder
     ]
@@ -48,8 +49,9 @@ DRIFT: Final = np.dtype(
         ("restless_s", "f8"),  # over how long it is taken
         ("ratios", RATIOS, ONSETS),
         ("scaled", "f8", BINS),  # largest ratio of each bin, over that of restless ground
-        ("drifts_mps", "f8", BINS),  # of the onset with that ratio
+        ("drifts_mps", "f8", (BINS, 2)),  # of the onset with that ratio, east and north
         ("drift_ages_s", "f8", BINS),  # and its age
+        ("likeliest", "f8"),  # number of the bin whose ratio is largest beside its limit
         ("way", "f8", 1 + 2 * WAYS),  # workspace
         ("information", "f8", (CHANGES, CHANGES)),  # workspace: of an onset, by both receivers
         ("evidence", "f8", CHANGES),  # workspace
@@ -127,9 +129,8 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
     Roll and pitch of the IMUs are what side slip and wheel slip on a slope follow, by two
     coefficients that are learnt. Without IMUs slopes look like drifts: limits are higher.
 
-    Above the first limit the vehicle slows down, above the second one it stops. Where velocities
-    of GNSS confirm the positions it does not stop, and both gyros are blamed first: like sensors
-    may fail alike.
+    Above the first limit the vehicle slows down, above the second one it stops, unless velocities
+    of GNSS confirm the positions; see `suspect_gyros` then.
 
     Args:
         memory: record `DRIFT`.
@@ -163,8 +164,6 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
     if placed and span_s > 0.0:
         _write_ratios(memory, min(span_s, _LONGEST_TICK_S))
         _judge(memory, board, confirmed)
-        if confirmed and memory.knows_slope > 0.0:
-            _suspect_gyros(memory, board)
 
 
 @kernel
@@ -296,7 +295,8 @@ def _write_ratios(memory: Record, span_s: float) -> None:
         scaled = min(ratios.drift, ratios.beside) / memory.restless_at[number] ** _RESTLESS_POWER
         if scaled > memory.scaled[n]:
             memory.scaled[n] = scaled
-            memory.drifts_mps[n] = ratios.drift_mps
+            memory.drifts_mps[n, 0] = ratios.drift_mps[0]
+            memory.drifts_mps[n, 1] = ratios.drift_mps[1]
             memory.drift_ages_s[n] = age_s
     if shortest > 0.0:
         memory.restless_s = min(memory.restless_s + span_s, _RESTLESS_S)
@@ -331,13 +331,15 @@ def _compare_changes(memory: Record, number: int) -> None:
     _sum_up(memory, number)
     c = memory.information
     d = memory.evidence
-    ratios.drift, ratios.drift_mps = _explained(c[0, 0], c[0, 1], c[1, 1], d[0], d[1])
+    ratios.drift, east, north = _explained(c[0, 0], c[0, 1], c[1, 1], d[0], d[1])
+    ratios.drift_mps[0] = east
+    ratios.drift_mps[1] = north
     ratios.scale = d[Change.SCALE] ** 2 / c[Change.SCALE, Change.SCALE]
 
     # With the error of the encoder eliminated
     share_0 = c[0, Change.SCALE] / c[Change.SCALE, Change.SCALE]
     share_1 = c[1, Change.SCALE] / c[Change.SCALE, Change.SCALE]
-    ratios.beside, _ = _explained(
+    ratios.beside, _, _ = _explained(
         c[0, 0] - share_0 * c[0, Change.SCALE],
         c[0, 1] - share_0 * c[1, Change.SCALE],
         c[1, 1] - share_1 * c[1, Change.SCALE],
@@ -366,12 +368,12 @@ def _sum_up(memory: Record, number: int) -> None:
 @kernel
 def _explained(
     c_00: float, c_01: float, c_11: float, d_0: float, d_1: float
-) -> tuple[float, float]:
-    """Return d' C^-1 d, and the length of C^-1 d."""
+) -> tuple[float, float, float]:
+    """Return d' C^-1 d, and both entries of C^-1 d."""
     determinant = c_00 * c_11 - c_01 * c_01
     east = (c_11 * d_0 - c_01 * d_1) / determinant
     north = (c_00 * d_1 - c_01 * d_0) / determinant
-    return east * d_0 + north * d_1, math.hypot(east, north)
+    return east * d_0 + north * d_1, east, north
 
 
 @kernel
@@ -383,30 +385,40 @@ def _judge(memory: Record, board: Record, confirmed: bool) -> None:
     """
     factor = _CONFIRMED if confirmed else 1.0
     largest = 0.0
-    drift_mps = 0.0
-    age_s = 0.0
+    memory.likeliest = 0.0
     for n in range(BINS):
         limit = LIMITS_WITH_SLOPE[n] if memory.knows_slope > 0.0 else LIMITS_WITHOUT_SLOPE[n]
         if memory.scaled[n] / (factor * limit) > largest:
             largest = memory.scaled[n] / (factor * limit)
-            drift_mps = memory.drifts_mps[n]
-            age_s = memory.drift_ages_s[n]
+            memory.likeliest = n
+    n = int(memory.likeliest)
+    drift_mps = math.hypot(memory.drifts_mps[n, 0], memory.drifts_mps[n, 1])
     board.statistic[DetectorIndex.DRIFT] = largest
     board.statistic[DetectorIndex.DRIFT_SURE] = 0.0 if confirmed else largest
     for index in (DetectorIndex.DRIFT, DetectorIndex.DRIFT_SURE):
         board.residual[index] = largest
         board.proposed[index, AlarmColumn.FIRST] = 100.0 * drift_mps
-        board.proposed[index, AlarmColumn.SECOND] = drift_mps * age_s
+        board.proposed[index, AlarmColumn.SECOND] = drift_mps * memory.drift_ages_s[n]
 
 
 @kernel
-def _suspect_gyros(memory: Record, board: Record) -> None:
-    """Blame both gyros for what velocities of GNSS say is no drift; begin anew without them.
+def suspect_gyros(memory: Record, velocity: Record, board: Record) -> None:
+    """Blame both gyros for a drift that velocities of GNSS contradict; begin anew without them.
 
-    Where they are not used any more, or their detectors do not run, the alarm stays that of the
-    drift.
+    Gyros of one make fail alike and bend dead reckoning. The alarm is that of the drift where the
+    velocities do not tell yet, where the gyros are not used any more, and where their detectors do
+    not run.
+
+    Args:
+        memory: record `DRIFT` after this tick.
+        velocity: record `VELOCITY` after this tick.
+        board: record `BOARD`.
     """
     index = DetectorIndex.DRIFT
-    if board.statistic[index] > board.limit[index] and doubt_gyros(board):
+    if memory.knows_slope == 0.0 or not board.statistic[index] > board.limit[index]:
+        return
+    n = int(memory.likeliest)
+    drift_mps = memory.drifts_mps[n]
+    if contradicts_drift(velocity, drift_mps, memory.drift_ages_s[n]) and doubt_gyros(board):
         board.statistic[index] = 0.0
         memory.ages_s[:] = -1.0

@@ -3,7 +3,7 @@
 Beside it stands the turn of the wheels: the hitch detector asks whether a gyro that contradicts
 it is what it sees. The detector of drift does not ask the wheels: in 17 of 102 drives whose
 receivers drifted (seed 9101) a gyro without a fault contradicted them. It doubts both gyros where
-velocities of GNSS confirm the positions.
+velocities of GNSS contradict the drift.
 """
 
 import math

@@ -82,6 +82,7 @@ _OUTLIERS: Final = 3.0  # in succession that are no outliers
 _LARGEST_MISFIT: Final = 8.0  # that one step adds
 _FASTEST_MPS: Final = 0.3  # standard deviation of a drift; assumed
 _LEAST_AGE_S: Final = 1.5  # of an onset that is judged
+_CONTRADICTS: Final = 4.0  # logarithm of how much less likely a drift is than none; assumed
 
 
 def new_velocity(wander_mps: float) -> FloatArray:
@@ -167,6 +168,32 @@ def confirms(memory: Record) -> bool:
     """Return whether positions and velocities of a receiver were compared, and agree so far."""
     compared = memory.receivers[0].used + memory.receivers[1].used > 0.0
     return compared and memory.rejected == 0.0
+
+
+@kernel
+def contradicts_drift(memory: Record, drift_mps: FloatArray, age_s: float) -> bool:
+    """Return whether the velocities make a drift of the positions far less likely than none.
+
+    With C, d and the misfit as in `observe_velocity`, of the onset that is nearest in age, the
+    logarithm of the ratio of both likelihoods is
+
+        (w' d - C |w|^2 / 2) / max(1, misfit).
+
+    Args:
+        memory: record `VELOCITY`.
+        drift_mps: east and north [m/s], w.
+        age_s: time for which it has acted.
+    """
+    nearest = 0
+    for n in range(_ONSETS):
+        age_difference_s = abs(memory.onsets[n].age_s - age_s)
+        if age_difference_s < abs(memory.onsets[nearest].age_s - age_s):
+            nearest = n
+    onset = memory.onsets[nearest]
+    square = drift_mps[0] ** 2 + drift_mps[1] ** 2
+    agrees = drift_mps[0] * onset.evidence[0] + drift_mps[1] * onset.evidence[1]
+    ratio = (agrees - 0.5 * onset.information * square) / max(1.0, memory.misfit)
+    return ratio < -_CONTRADICTS
 
 
 @kernel

@@ -21,11 +21,21 @@ RADIUS_M = 12.0
 class Circle:
     """A vehicle on a circle: a slope moves it aside in proportion to its way, a drift to time."""
 
-    def __init__(self, names, seed=1, imu=False, held=False, velocity=False, shares=(1.0, 1.0)):
+    def __init__(
+        self,
+        names,
+        seed=1,
+        imu=False,
+        held=False,
+        velocity=False,
+        coherent=True,
+        shares=(1.0, 1.0),
+    ):
         self.rng = np.random.default_rng(seed)
         self.monitors = Monitors(names)
         self.imu = imu
-        self.velocity = velocity  # receivers measure it, of what they say of their positions
+        self.velocity = velocity  # receivers measure it
+        self.coherent = coherent  # the velocities are those of positions that drift
         self.held = held  # receivers hold their positions while the vehicle stands
         self.shares = shares  # of each receiver in the drift
         self.last = {}
@@ -84,7 +94,7 @@ class Circle:
                 self.last[sensor] = at
             samples.append(Measurement(time_s, sensor, tuple(at), 1))
         if self.velocity:
-            moves = speed * ahead + (drifted - self.drifted) / PERIOD_S
+            moves = speed * ahead + self.coherent * (drifted - self.drifted) / PERIOD_S
             swings = BEHIND_M * speed / RADIUS_M * np.array([np.cos(angle), np.sin(angle)])
             velocities = moves + self.rng.normal(0.0, 0.03, (2, 2))
             velocities[1] += swings
@@ -142,6 +152,11 @@ def test_gyros_are_blamed_where_velocities_confirm_the_positions():
     begins, _ = Circle(names, imu=True, velocity=True).drive(90.0, from_s=40.0, turn_rad_s=0.005)
     assert begins[GYROS[0]] == begins[GYROS[1]] > 40.0
     assert DRIFT[0] not in begins or begins[DRIFT[0]] > begins[GYROS[0]]
+
+    drifting = Circle(names, imu=True, velocity=True, coherent=False)
+    begins, _ = drifting.drive(90.0, drift_mps=0.03, from_s=40.0)
+    assert set(begins) & {*DRIFT, names[-1]}
+    assert not set(begins) & set(GYROS)
 
 
 def test_the_two_limits_are_seen_in_this_order_and_a_faster_drift_sooner():
