@@ -9,7 +9,8 @@ from ..layout import FLOAT, AlarmColumn, SampleColumn
 from ..sensors import GNSS_OF_BODY, IMU_OF_BODY, Body, SensorIndex
 from ..types import FloatArray, State
 from .board import Record, TickData, has_alarm
-from .ground import CHANGES, GROUND, ONSETS, WAYS, Change, begin_onset, new_ground, place, travel
+from .changes import COMPARISON, compare_changes
+from .ground import GROUND, ONSETS, WAYS, begin_onset, new_ground, place, travel
 from .gyro import doubt_gyros
 from .history import kernel
 from .table import DetectorIndex
@@ -22,16 +23,6 @@ BIN_ENDS_S: Final = (_SHORT_S, 15.0, 30.0, 55.0, math.inf)
 
 Bumps and ruts look like short drifts: the ratios of short windows are larger, so that each bin has
 a limit of its own."""
-
-RATIOS: Final = np.dtype(
-    [
-        ("drift", "f8"),  # J of a drift where nothing else changes
-        ("drift_mps", "f8", 2),  # that drift, east and north
-        ("scale", "f8"),  # J of an error of the encoder where nothing else changes
-        ("beside", "f8"),  # what a drift explains beside an error of the encoder
-    ]
-)
-"""Likelihood ratios of what may have begun at one moment, by both receivers."""
 
 DRIFT: Final = np.dtype(
     [
@@ -47,14 +38,12 @@ DRIFT: Final = np.dtype(
         ("next_s", "f8"),  # time until then [s]
         ("restless", "f8"),  # mean ratio of the shortest windows
         ("restless_s", "f8"),  # over how long it is taken
-        ("ratios", RATIOS, ONSETS),
+        ("comparison", COMPARISON),  # of what may have begun at each onset
         ("scaled", "f8", BINS),  # largest ratio of each bin, over that of restless ground
         ("drifts_mps", "f8", (BINS, 2)),  # of the onset with that ratio, east and north
         ("drift_ages_s", "f8", BINS),  # and its age
         ("likeliest", "f8"),  # number of the bin whose ratio is largest beside its limit
         ("way", "f8", 1 + 2 * WAYS),  # workspace
-        ("information", "f8", (CHANGES, CHANGES)),  # workspace: of an onset, by both receivers
-        ("evidence", "f8", CHANGES),  # workspace
     ]
 )
 """Memory of the detector."""
@@ -79,9 +68,6 @@ _RESTLESS_POWER: Final = 1.5  # of the restlessness, by which long ratios grow; 
 _LONGEST_TICK_S: Final = 1.0
 _EVERY_S: Final = 5.0  # from one onset to the next: the longest window is 120 s
 _LEAST_AGE_S: Final = 3.0
-# Standard deviations by `Change`: of a drift [m/s], and of an error of the encoder; assumed
-_CHANGE_SD: Final = (0.15, 0.15, 0.1)
-_LEAST_MISFIT: Final = 0.3
 
 
 def new_drift() -> FloatArray:
@@ -281,12 +267,14 @@ def _write_ratios(memory: Record, span_s: float) -> None:
         memory.scaled[n] = 0.0
     shortest = 0.0
     for number in range(ONSETS):
-        _compare_changes(memory, number)
-        if 0.0 <= memory.ages_s[number] < _SHORT_S:
-            shortest = max(shortest, memory.ratios[number].drift)
+        age_s = memory.ages_s[number]
+        if age_s >= _LEAST_AGE_S:
+            compare_changes(memory.comparison, memory.receivers, number)
+            if age_s < _SHORT_S:
+                shortest = max(shortest, memory.comparison.ratios[number].drift)
     for number in range(ONSETS):
         age_s = memory.ages_s[number]
-        ratios = memory.ratios[number]
+        ratios = memory.comparison.ratios[number]
         if age_s < _LEAST_AGE_S or _is_of_encoder(memory, number):
             continue
         n = 0
@@ -311,69 +299,13 @@ def _is_of_encoder(memory: Record, number: int) -> bool:
     It may have begun at any time from the onset before on: at the wrong one it leaves a rest that
     a drift explains.
     """
+    ratios = memory.comparison.ratios
     oldest_s = memory.ages_s[number] + 1.5 * _EVERY_S
     for other in range(ONSETS):
         counts = _LEAST_AGE_S <= memory.ages_s[other] < oldest_s
-        if counts and memory.ratios[other].scale > memory.ratios[number].drift:
+        if counts and ratios[other].scale > ratios[number].drift:
             return True
     return False
-
-
-@kernel
-def _compare_changes(memory: Record, number: int) -> None:
-    """Write the likelihood ratios of an onset by both receivers; 0 for one that is too young."""
-    ratios = memory.ratios[number]
-    ratios.drift = 0.0
-    ratios.scale = 0.0
-    ratios.beside = 0.0
-    if memory.ages_s[number] < _LEAST_AGE_S:
-        return
-    _sum_up(memory, number)
-    c = memory.information
-    d = memory.evidence
-    ratios.drift, east, north = _explained(c[0, 0], c[0, 1], c[1, 1], d[0], d[1])
-    ratios.drift_mps[0] = east
-    ratios.drift_mps[1] = north
-    ratios.scale = d[Change.SCALE] ** 2 / c[Change.SCALE, Change.SCALE]
-
-    # With the error of the encoder eliminated
-    share_0 = c[0, Change.SCALE] / c[Change.SCALE, Change.SCALE]
-    share_1 = c[1, Change.SCALE] / c[Change.SCALE, Change.SCALE]
-    ratios.beside, _, _ = _explained(
-        c[0, 0] - share_0 * c[0, Change.SCALE],
-        c[0, 1] - share_0 * c[1, Change.SCALE],
-        c[1, 1] - share_1 * c[1, Change.SCALE],
-        d[0] - share_0 * d[Change.SCALE],
-        d[1] - share_1 * d[Change.SCALE],
-    )
-
-
-@kernel
-def _sum_up(memory: Record, number: int) -> None:
-    """Write information and evidence of an onset by both receivers, and of what is assumed."""
-    memory.information[:] = 0.0
-    memory.evidence[:] = 0.0
-    for change in range(CHANGES):
-        memory.information[change, change] = 1.0 / _CHANGE_SD[change] ** 2
-    for body in range(2):
-        receiver = memory.receivers[body]
-        onset = receiver.onsets[number]
-        weight = 1.0 / max(receiver.misfit, _LEAST_MISFIT)
-        for change in range(CHANGES):
-            memory.evidence[change] += weight * onset.evidence[change]
-            for other in range(CHANGES):
-                memory.information[change, other] += weight * onset.information[change, other]
-
-
-@kernel
-def _explained(
-    c_00: float, c_01: float, c_11: float, d_0: float, d_1: float
-) -> tuple[float, float, float]:
-    """Return d' C^-1 d, and both entries of C^-1 d."""
-    determinant = c_00 * c_11 - c_01 * c_01
-    east = (c_11 * d_0 - c_01 * d_1) / determinant
-    north = (c_00 * d_1 - c_01 * d_0) / determinant
-    return east * d_0 + north * d_1, east, north
 
 
 @kernel

@@ -175,6 +175,23 @@ def test_what_is_not_travelled_is_no_evidence_of_slip():
         assert np.linalg.eigvalsh(covariance).min() > -1e-12
 
 
+def test_what_a_drift_explains_beside_an_encoder_is_what_both_explain_less_its_part():
+    """The ratios of the onset that is compared last, against matrices."""
+    circle = Circle(DRIFT)
+    circle.drive(120.0, drift_mps=0.02, encoder=1.05, from_s=40.0)
+    comparison = circle.monitors.record.view(DETECTORS)[0]["drift"]["comparison"]
+    information = comparison["information"]
+    evidence = comparison["evidence"]
+    ratios = comparison["ratios"][-1]
+
+    drift = np.linalg.solve(information[:2, :2], evidence[:2])
+    both = evidence @ np.linalg.solve(information, evidence)
+    assert ratios["drift_mps"] == pytest.approx(drift)
+    assert ratios["drift"] == pytest.approx(evidence[:2] @ drift)
+    assert ratios["beside"] == pytest.approx(both - ratios["scale"])
+    assert 0.0 < ratios["beside"] < both
+
+
 def stops(time_s):
     return 1.0 if time_s < 20.0 else 0.0
 
