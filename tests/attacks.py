@@ -7,6 +7,7 @@ where an exception escapes, a refusal is not one line with exit code 2, code run
 trusted, memory or time has no bound, or a result is not that of a run left alone.
 """
 
+import argparse
 import contextlib
 import copy
 import io
@@ -642,14 +643,27 @@ def all_classes():
     return {one.__name__: one for one in (*CLASSES, *system_attacks.CLASSES)}
 
 
+def chosen(words):
+    """Return names and numbers of the classes to drive; exit with one line on any other word."""
+    known = all_classes()
+    parser = argparse.ArgumentParser(prog="tests.attacks", description=__doc__.splitlines()[0])
+    parser.add_argument("words", nargs="*", metavar="CLASS[=N]", help=", ".join(known))
+    parts = [word.partition("=") for word in parser.parse_args(words).words or known]
+    for name, equals, number in parts:
+        if name not in known:
+            parser.error(f"{name!r} is none of {', '.join(known)}")
+        if equals and not number.isdecimal():
+            parser.error(f"{name}={number}: must be a number of attacks")
+    return [(name, known[name], number) for name, _, number in parts]
+
+
 def main(words):
     """Attack and print a table; return 1 where anything failed."""
-    known, lines = all_classes(), []
-    for word in words or known:
-        name, _, number = word.partition("=")
+    lines = []
+    for name, attacks_of, number in chosen(words):
         begun = time.monotonic()
         with tempfile.TemporaryDirectory() as place:
-            attacks = [*known[name](Path(place))]
+            attacks = [*attacks_of(Path(place))]
             if number:
                 attacks = random.Random(1).sample(attacks, min(int(number), len(attacks)))
             failures = [*map(isolated, attacks)]
