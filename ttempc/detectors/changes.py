@@ -12,7 +12,7 @@ _RATIOS: Final = np.dtype(
     [
         ("drift", "f8"),  # likelihood ratio of a drift where nothing else changes
         ("drift_mps", "f8", 2),  # that drift, east and north
-        ("scale", "f8"),  # likelihood ratio of an error of the encoder where nothing else changes
+        ("encoder", "f8"),  # likelihood ratio of an error of the encoder where nothing else changes
         ("beside", "f8"),  # what a drift explains beside an error of the encoder
     ]
 )
@@ -52,16 +52,16 @@ def compare_changes(memory: Record, receivers: Record, number: int) -> None:
     ratios.drift, east, north = _explained(c[0, 0], c[0, 1], c[1, 1], d[0], d[1])
     ratios.drift_mps[0] = east
     ratios.drift_mps[1] = north
-    ratios.scale = d[Change.SCALE] ** 2 / c[Change.SCALE, Change.SCALE]
+    ratios.encoder = d[Change.ENCODER] ** 2 / c[Change.ENCODER, Change.ENCODER]
 
-    share_0 = c[0, Change.SCALE] / c[Change.SCALE, Change.SCALE]
-    share_1 = c[1, Change.SCALE] / c[Change.SCALE, Change.SCALE]
+    share_0 = c[0, Change.ENCODER] / c[Change.ENCODER, Change.ENCODER]
+    share_1 = c[1, Change.ENCODER] / c[Change.ENCODER, Change.ENCODER]
     ratios.beside, _, _ = _explained(
-        c[0, 0] - share_0 * c[0, Change.SCALE],
-        c[0, 1] - share_0 * c[1, Change.SCALE],
-        c[1, 1] - share_1 * c[1, Change.SCALE],
-        d[0] - share_0 * d[Change.SCALE],
-        d[1] - share_1 * d[Change.SCALE],
+        c[0, 0] - share_0 * c[0, Change.ENCODER],
+        c[0, 1] - share_0 * c[1, Change.ENCODER],
+        c[1, 1] - share_1 * c[1, Change.ENCODER],
+        d[0] - share_0 * d[Change.ENCODER],
+        d[1] - share_1 * d[Change.ENCODER],
     )
 
 

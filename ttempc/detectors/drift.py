@@ -11,7 +11,7 @@ from ..types import FloatArray, State
 from .board import Record, TickData, has_alarm
 from .changes import COMPARISON, compare_changes
 from .ground import GROUND, ONSETS, WAYS, begin_onset, new_ground, place, travel
-from .gyro import doubt_gyros
+from .gyro import begin_gyro_alarms
 from .history import kernel
 from .table import DetectorIndex
 from .velocity import contradicts_drift
@@ -60,7 +60,7 @@ makes them twice what the other fields need."""
 # slip that no slope explains is far more likely than a drift that both measurements of a receiver
 # share: those of 41 healthy drives on rough ground (trials of seed 10801) came to 2.5 times the
 # limits in these bins, to five times in the others
-_CONFIRMED: Final = 3.0
+_CONFIRMED_FACTOR: Final = 3.0
 _CONFIRMED_BINS: Final = 3
 
 _RESTLESS_S: Final = 60.0  # of the mean ratio of the shortest windows
@@ -87,7 +87,9 @@ def new_drift() -> FloatArray:
 
 
 @kernel
-def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool) -> None:
+def observe_drift(
+    memory: Record, velocity: Record, board: Record, data: TickData, confirmed: bool
+) -> None:
     """Tell a drift of the positions from slopes, slips and bumps.
 
     Of each receiver, r is its position less dead reckoning by encoder and heading; of the trailer
@@ -119,14 +121,16 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
     coefficients that are learnt. Without IMUs slopes look like drifts: limits are higher.
 
     Above the first limit the vehicle slows down, above the second one it stops, unless velocities
-    of GNSS confirm the positions; see `suspect_gyros` then.
+    of GNSS confirm the positions: then only a drift of the last 30 s counts, its limit is higher,
+    it slows the vehicle down at most, and where the velocities contradict it both gyros are blamed.
 
     Args:
         memory: record `DRIFT`.
+        velocity: record `VELOCITY` after this tick.
         board: record `BOARD`.
         data: of the tick.
         confirmed: whether measured velocities of GNSS confirm the positions: what is left to the
-            ground is a drift of both. The first limit is higher, and nothing stops the vehicle.
+            ground is a drift of both.
     """
     if has_alarm(board, DetectorIndex.DRIFT_SURE):
         return  # both statistics stay
@@ -153,6 +157,8 @@ def observe_drift(memory: Record, board: Record, data: TickData, confirmed: bool
     if placed and span_s > 0.0:
         _write_ratios(memory, min(span_s, _LONGEST_TICK_S))
         _judge(memory, board, confirmed)
+        if confirmed:
+            _blame_gyros(memory, velocity, board)
 
 
 @kernel
@@ -306,7 +312,7 @@ def _is_of_encoder(memory: Record, number: int) -> bool:
     oldest_s = memory.ages_s[number] + 1.5 * _EVERY_S
     for other in range(ONSETS):
         counts = _LEAST_AGE_S <= memory.ages_s[other] < oldest_s
-        if counts and ratios[other].scale > ratios[number].drift:
+        if counts and ratios[other].encoder > ratios[number].drift:
             return True
     return False
 
@@ -318,7 +324,7 @@ def _judge(memory: Record, board: Record, confirmed: bool) -> None:
     Where GNSS velocities confirm the positions that of the second limit is 0: a slip that no slope
     explains is far more likely than a receiver that lies alike in both.
     """
-    factor = _CONFIRMED if confirmed else 1.0
+    factor = _CONFIRMED_FACTOR if confirmed else 1.0
     largest = 0.0
     memory.likeliest = 0.0
     for n in range(_CONFIRMED_BINS if confirmed else BINS):
@@ -337,23 +343,18 @@ def _judge(memory: Record, board: Record, confirmed: bool) -> None:
 
 
 @kernel
-def suspect_gyros(memory: Record, velocity: Record, board: Record) -> None:
+def _blame_gyros(memory: Record, velocity: Record, board: Record) -> None:
     """Blame both gyros for a drift that velocities of GNSS contradict; begin anew without them.
 
     Gyros of one make fail alike and bend dead reckoning. The alarm is that of the drift where the
     velocities do not tell yet, where the gyros are not used any more, and where their detectors do
     not run.
-
-    Args:
-        memory: record `DRIFT` after this tick.
-        velocity: record `VELOCITY` after this tick.
-        board: record `BOARD`.
     """
     index = DetectorIndex.DRIFT
     if memory.knows_slope == 0.0 or not board.statistic[index] > board.limit[index]:
         return
     n = int(memory.likeliest)
     drift_mps = memory.drifts_mps[n]
-    if contradicts_drift(velocity, drift_mps, memory.drift_ages_s[n]) and doubt_gyros(board):
+    if contradicts_drift(velocity, drift_mps, memory.drift_ages_s[n]) and begin_gyro_alarms(board):
         board.statistic[index] = 0.0
         memory.ages_s[:] = -1.0

@@ -48,7 +48,7 @@ class Change(IntEnum):
 
     EAST = 0  # the receiver drifts east [m/s]
     NORTH = 1
-    SCALE = 2  # the encoder, or the slip of the wheels that it counts, is off by a share
+    ENCODER = 2  # it, or the slip of the wheels that it counts, is off by a share
 
 
 CHANGES: Final = len(Change)
@@ -261,7 +261,8 @@ def begin_onset(memory: Record, number: int) -> None:
     _clear(onset)
     if memory.settled_s >= _SETTLES_S:
         onset.tells = 1.0
-        onset.signature[1 + Way.CLIMB, Change.SCALE] = 1.0
+        # As a wrong radius: both entries of r, then the coefficients of all ways but `TRAVELLED`
+        onset.signature[1 + Way.CLIMB, Change.ENCODER] = 1.0
 
 
 @kernel

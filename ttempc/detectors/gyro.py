@@ -2,7 +2,7 @@
 
 Beside it stands the turn of the wheels: the hitch detector asks whether a gyro that contradicts
 it is what it sees. The detector of drift does not ask the wheels: in 17 of 102 drives whose
-receivers drifted (seed 9101) a gyro without a fault contradicted them. It doubts both gyros where
+receivers drifted (seed 9101) a gyro without a fault contradicted them. It blames both gyros where
 velocities of GNSS contradict the drift.
 """
 
@@ -160,11 +160,11 @@ def blame_gyros(gyros: Record, board: Record) -> bool:
         index = DetectorIndex.GYRO_TRACTOR + body
         is_judged = board.enabled[index] and not has_alarm(board, index)
         blamed = blamed or (is_judged and _contradicts_wheels(gyros[body]))
-    return blamed and doubt_gyros(board)
+    return blamed and begin_gyro_alarms(board)
 
 
 @kernel
-def doubt_gyros(board: Record) -> bool:
+def begin_gyro_alarms(board: Record) -> bool:
     """Begin the alarms of both gyros; return whether one begins that did not stand yet.
 
     Gyros of one make fail alike, so that neither is used any more.

@@ -11,7 +11,7 @@ from ..sensors import SensorIndex
 from ..types import FloatArray
 from .board import BOARD, Record, TickData, has_alarm, latch_alarms, new_board
 from .clock import CLOCK, observe_clock
-from .drift import DRIFT, new_drift, observe_drift, suspect_gyros
+from .drift import DRIFT, new_drift, observe_drift
 from .exclusion import exclude_sensors
 from .gyro import GYRO, new_gyro, observe_gyro
 from .history import kernel
@@ -179,9 +179,7 @@ def _observe_estimate(s: Record, data: TickData) -> None:
     if board.enabled[DetectorIndex.PROTECTION]:
         observe_protection(s.position, s.last, board, data)
     if board.enabled[DetectorIndex.DRIFT]:
-        observe_drift(s.drift, board, data, _is_confirmed(s))
-        if _is_confirmed(s):
-            suspect_gyros(s.drift, s.velocity, board)
+        observe_drift(s.drift, s.velocity, board, data, _is_confirmed(s))
     if board.enabled[DetectorIndex.STEPS]:
         observe_steps(
             s.steps,

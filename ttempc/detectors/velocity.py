@@ -174,8 +174,8 @@ def confirms(memory: Record) -> bool:
 def contradicts_drift(memory: Record, drift_mps: FloatArray, age_s: float) -> bool:
     """Return whether the velocities make a drift of the positions far less likely than none.
 
-    With C, d and the misfit as in `observe_velocity`, of the onset that is nearest in age, the
-    logarithm of the ratio of both likelihoods is
+    They do not where none was compared yet. With C, d and the misfit as in `observe_velocity`, of
+    the onset that is nearest in age, the logarithm of the ratio of both likelihoods is
 
         (w' d - C |w|^2 / 2) / max(1, misfit).
 
@@ -184,11 +184,15 @@ def contradicts_drift(memory: Record, drift_mps: FloatArray, age_s: float) -> bo
         drift_mps: east and north [m/s], w.
         age_s: time for which it has acted.
     """
-    nearest = 0
+    nearest = -1
+    nearest_s = math.inf
     for n in range(_ONSETS):
-        age_difference_s = abs(memory.onsets[n].age_s - age_s)
-        if age_difference_s < abs(memory.onsets[nearest].age_s - age_s):
+        onset_s = memory.onsets[n].age_s
+        if onset_s >= 0.0 and abs(onset_s - age_s) < nearest_s:
             nearest = n
+            nearest_s = abs(onset_s - age_s)
+    if nearest < 0:
+        return False
     onset = memory.onsets[nearest]
     square = drift_mps[0] ** 2 + drift_mps[1] ** 2
     agrees = drift_mps[0] * onset.evidence[0] + drift_mps[1] * onset.evidence[1]

@@ -34,7 +34,7 @@ class Circle:
         self.rng = np.random.default_rng(seed)
         self.monitors = Monitors(names)
         self.imu = imu
-        self.velocity = velocity  # receivers measure it
+        self.velocity_from_s = 0.0 if velocity else np.inf  # receivers measure it
         self.coherent = coherent  # the velocities are those of positions that drift
         self.held = held  # receivers hold their positions while the vehicle stands
         self.shares = shares  # of each receiver in the drift
@@ -93,7 +93,7 @@ class Circle:
             else:
                 self.last[sensor] = at
             samples.append(Measurement(time_s, sensor, tuple(at), 1))
-        if self.velocity:
+        if time_s >= self.velocity_from_s:
             moves = speed * ahead + self.coherent * (drifted - self.drifted) / PERIOD_S
             swings = BEHIND_M * speed / RADIUS_M * np.array([np.cos(angle), np.sin(angle)])
             velocities = moves + self.rng.normal(0.0, 0.03, (2, 2))
@@ -159,6 +159,20 @@ def test_gyros_are_blamed_where_velocities_confirm_the_positions():
     assert not set(begins) & set(GYROS)
 
 
+def test_no_gyro_is_blamed_after_a_drift_beyond_the_second_limit():
+    """Velocities come back where the vehicle stands, and move with the positions."""
+    circle = Circle([*DRIFT, *GYROS, BUILT_IN[DetectorIndex.VELOCITY].name], imu=True)
+    circle.velocity_from_s = 70.0
+
+    def speed_mps(time_s):
+        return 1.0 if time_s < 65.0 else 0.0
+
+    begins, alarms = circle.drive(120.0, drift_mps=0.12, from_s=40.0, speed_mps=speed_mps)
+    assert begins[DRIFT[1]] < 65.0
+    assert not set(begins) & set(GYROS)
+    assert {alarm.detector for alarm in alarms} >= set(DRIFT)
+
+
 def test_the_two_limits_are_seen_in_this_order_and_a_faster_drift_sooner():
     slow, _ = Circle(DRIFT).drive(120.0, drift_mps=0.05, from_s=40.0)
     fast, _ = Circle(DRIFT).drive(120.0, drift_mps=0.20, from_s=40.0)
@@ -188,7 +202,7 @@ def test_what_a_drift_explains_beside_an_encoder_is_what_both_explain_less_its_p
     both = evidence @ np.linalg.solve(information, evidence)
     assert ratios["drift_mps"] == pytest.approx(drift)
     assert ratios["drift"] == pytest.approx(evidence[:2] @ drift)
-    assert ratios["beside"] == pytest.approx(both - ratios["scale"])
+    assert ratios["beside"] == pytest.approx(both - ratios["encoder"])
     assert 0.0 < ratios["beside"] < both
 
 
