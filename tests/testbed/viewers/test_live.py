@@ -2,10 +2,12 @@
 
 import base64
 import json
+import math
 import socket
 import struct
 import sys
 import time
+from itertools import takewhile
 
 import numpy as np
 import pytest
@@ -76,6 +78,14 @@ def publish(sink, numbers):
         sink.scenes(moments(moment))
 
 
+def shown(live, viewer, numbers):
+    """Return what a viewer gets of moments that are published, up to an event behind them."""
+    publish(live, numbers)
+    live.event(Event(0.0, "info", "end"))
+    until_event = takewhile(lambda message: message[0] != EVENT_TOPIC, viewer.messages(math.inf))
+    return list(until_event)
+
+
 def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
     with view() as live:
         viewer = Viewer(live.url)
@@ -89,13 +99,15 @@ def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
         live.event(Event(0.0, "warning", "first"))
         ((topic, _, message),) = viewer.messages(1)
         assert (topic, message.message) == (EVENT_TOPIC, "first")
-        time.sleep(0.2)  # until the server has taken in the other subscriptions
-        publish(live, range(1, 3))
-        received = list(viewer.messages(6))
+        # The server takes in one subscription after the other
+        subscribed = set()
+        while not {STATE.topic, TRANSFORMS_TOPIC} <= subscribed:
+            subscribed = {topic for topic, _, _ in shown(live, viewer, [0])}
+        received = shown(live, viewer, range(1, 3))
         rows = [(when, message.x_t_m) for topic, when, message in received if topic == STATE.topic]
         np.testing.assert_allclose(rows, [(0.04, 1.0), (0.08, 2.0)])
-        (moved,) = (message for topic, _, message in received[:4] if topic == TRANSFORMS_TOPIC)
-        assert moved.transforms[0].translation.x == 1.0
+        moved = [message for topic, _, message in received if topic == TRANSFORMS_TOPIC]
+        assert [message.transforms[0].translation.x for message in moved] == [1.0, 2.0]
         viewer.socket.close()
 
 
