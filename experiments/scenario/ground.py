@@ -30,7 +30,13 @@ from ...testbed.ground.soil import (
     Tracks,
     Tramlines,
 )
-from ...testbed.ground.terrain import Terrain, flat, rough
+from ...testbed.ground.terrain import (
+    DEFAULT_SHORTEST_WAVE_M,
+    LEAST_SHORTEST_WAVE_M,
+    Terrain,
+    flat,
+    rough,
+)
 from ...testbed.randomness import generator
 
 _DEFAULT_KPA: Final = 600.0  # if the scenario has neither a name nor a cone index
@@ -45,6 +51,11 @@ class TerrainSettings:
 
     iso_class: Literal["A", "B", "C", "D", "E", "F", "flat"] = "D"
     """Roughness class of ISO 8608, geometric mean."""
+    shortest_wave_m: Annotated[float, Field(ge=LEAST_SHORTEST_WAVE_M, le=2.0)] = (
+        DEFAULT_SHORTEST_WAVE_M
+    )
+    """Shortest wave of the roughness, at least twice `spacing_m`. Waves below the default shake the
+    vehicle and its IMUs, and take a finer grid."""
     slope_rad: Annotated[float, Field(ge=0, le=0.6)] = 0.0
     """Slope of the whole field."""
     uphill_deg: BearingDeg = 90.0
@@ -69,7 +80,13 @@ class TerrainSettings:
         elif self.iso_class == "flat":
             ground = flat(size, spacing)
         else:
-            ground = rough(self.iso_class, generator(seed, "terrain"), size, spacing)
+            ground = rough(
+                self.iso_class,
+                generator(seed, "terrain"),
+                size,
+                spacing,
+                shortest_wave_m=self.shortest_wave_m,
+            )
         return ground.shaped(self.features).tilted(self.slope_rad, math.radians(self.uphill_deg))
 
 

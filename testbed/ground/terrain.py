@@ -21,7 +21,9 @@ from .grid import Grid, check_points
 ISO_8608: Final = {letter: 16e-6 * 4**i for i, letter in enumerate("ABCDEF")}
 REFERENCE_FREQUENCY: Final = 0.1  # n0 [cycle/m]; ISO 8608
 LOWEST_FREQUENCY: Final = 0.05  # [cycle/m]; longer waves are slopes, not roughness
-HIGHEST_FREQUENCY: Final = 2.0  # [cycle/m]; the contact area averages shorter waves
+
+DEFAULT_SHORTEST_WAVE_M: Final = 0.5  # shorter ones shake a machine, but hardly move its course
+LEAST_SHORTEST_WAVE_M: Final = 0.2  # the contact area averages shorter waves
 
 DEFAULT_SIZE_M: Final = (80.0, 50.0)  # figure eight of 50 x 20 m and 15 m around it
 DEFAULT_SPACING_M: Final = 0.1  # five points on the shortest wave
@@ -108,32 +110,56 @@ def rough(
     size_m: tuple[float, float] = DEFAULT_SIZE_M,
     spacing_m: float = DEFAULT_SPACING_M,
     centre: tuple[float, float] = (0.0, 0.0),
+    shortest_wave_m: float = DEFAULT_SHORTEST_WAVE_M,
 ) -> Terrain:
     """Return an isotropic random field whose straight sections are of an ISO 8608 class.
 
-    The one-sided spectrum of a section is G_d(n) = G_d(n0) (n/n0)^-2 between 0.05 and 2 cycles/m
-    (ISO 8608:2016, eq. (C.1)) and 0 above. White noise is shaped by the two-dimensional spectrum
-    that has these sections (see `_spectrum`).
+    The one-sided spectrum of a section is G_d(n) = G_d(n0) (n/n0)^-2 (ISO 8608:2016, eq. (C.1))
+    from 0.05 cycles/m up to the shortest wave, and 0 above. White noise is shaped by the
+    two-dimensional spectrum that has these sections (see `_spectrum`).
+
+    Args:
+        iso_class: letter A to F.
+        generator: of the white noise.
+        size_m: extent along x and y [m].
+        spacing_m: of the grid, at most half the shortest wave [m]. Straight lines between the
+            points keep 0.41 of a wave of twice the spacing, 0.81 of one of four times.
+        centre: of the field [m].
+        shortest_wave_m: of the spectrum, from 0.2 m on.
 
     Raises:
-        InvalidField: the class is not a letter A to F, or the size is out of range.
+        InvalidField: the class is not a letter A to F, or the size, the spacing or the shortest
+            wave is out of range.
     """
     if iso_class not in ISO_8608:
         raise InvalidField(
             f"terrain: got class {iso_class!r}, must be one of {', '.join(ISO_8608)}"
+        )
+    longest_m = 1.0 / LOWEST_FREQUENCY
+    if not LEAST_SHORTEST_WAVE_M <= shortest_wave_m < longest_m:
+        raise InvalidField(
+            f"terrain: got shortest wave {shortest_wave_m} m, must be at least "
+            f"{LEAST_SHORTEST_WAVE_M:g}, below {longest_m:g}"
+        )
+    if not spacing_m <= 0.5 * shortest_wave_m:
+        raise InvalidField(
+            f"terrain: got spacing {spacing_m} m, must be at most {0.5 * shortest_wave_m:g}, "
+            "half the shortest wave"
         )
     shape, origin = _grid(size_m, spacing_m, centre)
     noise = np.fft.rfft2(generator.standard_normal(shape))
     ny, nx = shape
     n_x = np.fft.rfftfreq(nx, spacing_m)  # (nx//2 + 1,) [cycle/m]
     n_y = np.fft.fftfreq(ny, spacing_m)  # (ny,)
+    highest = 1.0 / shortest_wave_m
     resolution = max(n_x[1], n_y[1])
     # A block of rows at a time: the spectrum of a large field takes six times its memory.
     for first in range(0, ny, _BLOCK_ROWS):
         rows = slice(first, first + _BLOCK_ROWS)
         frequency = np.hypot(n_x, n_y[rows, None])  # (rows, nx//2 + 1)
         # unit white noise has the two-sided spectrum spacing^2
-        noise[rows] *= np.sqrt(_spectrum(frequency, ISO_8608[iso_class], resolution)) / spacing_m
+        power = _spectrum(frequency, ISO_8608[iso_class], highest, resolution)
+        noise[rows] *= np.sqrt(power) / spacing_m
     return Terrain(np.fft.irfft2(noise, s=shape), spacing_m, origin)
 
 
@@ -142,7 +168,6 @@ def _grid(
 ) -> tuple[tuple[int, int], tuple[float, float]]:
     """Return shape (ny, nx) and origin of a field; refuse impossible sizes."""
     if not (math.isfinite(spacing_m) and 0.0 < spacing_m <= 0.25):
-        # two points on the shortest wave of the spectrum
         raise InvalidField(f"terrain: got spacing {spacing_m} m, must be above 0, at most 0.25")
     if not all(2.0 <= side <= 1000.0 for side in size_m):
         raise InvalidField(f"terrain: got size {size_m} m, each side must be in [2, 1000]")
@@ -152,20 +177,22 @@ def _grid(
     return (ny, nx), origin
 
 
-def _spectrum(frequency: FloatArray, roughness: float, resolution: float) -> FloatArray:
+def _spectrum(
+    frequency: FloatArray, roughness: float, highest: float, resolution: float
+) -> FloatArray:
     """Return the two-sided isotropic spectrum [m^4] whose sections are G_d(n0) (n/n0)^-2.
 
     A section at frequency n collects all waves with that component along it,
     G(n) = 2 integral S(sqrt(n^2 + m^2)) dm. Solved for S (an Abel integral) with G cut off at
-    K = 2 cycles/m:
+    the highest frequency K:
 
         S(k) = G_d(n0) n0^2 / (4 k^3) * (2/pi) (theta + cot theta),   cos theta = k / K.
 
     The integrable pole at k = K is capped half a grid frequency below it.
     """
-    inside = (frequency >= LOWEST_FREQUENCY) & (frequency < HIGHEST_FREQUENCY)
-    k = np.where(inside, frequency, 1.0)
-    cosine = np.minimum(k, HIGHEST_FREQUENCY - 0.5 * resolution) / HIGHEST_FREQUENCY
+    inside = (frequency >= LOWEST_FREQUENCY) & (frequency < highest)
+    k = np.where(inside, frequency, 0.5 * highest)
+    cosine = np.minimum(k, highest - 0.5 * resolution) / highest
     theta = np.arccos(cosine)
     shape = (2.0 / np.pi) * (theta + cosine / np.sqrt(1.0 - cosine**2))
     power = roughness * REFERENCE_FREQUENCY**2 / (4.0 * k**3) * shape

@@ -34,6 +34,20 @@ def test_sections_are_of_their_iso_class(iso_class, axis):
         assert density[band].mean() == pytest.approx(expected.mean(), rel=0.25), centre
 
 
+@pytest.mark.parametrize("shortest", [0.2, 0.5, 1.0])
+def test_a_spectrum_reaches_to_its_shortest_wave_and_no_further(shortest):
+    spacing = 0.05
+    field = terrain.rough(
+        "D", np.random.default_rng(1), (80.0, 40.0), spacing, shortest_wave_m=shortest
+    )
+    frequency, density = section_spectrum(field.heights, spacing)
+    expected = terrain.ISO_8608["D"] * (np.maximum(frequency, 0.1) / 0.1) ** -2
+    last_octave = (frequency > 0.5 / shortest) & (frequency < 0.9 / shortest)
+    beyond = frequency > 1.1 / shortest
+    assert density[last_octave].mean() == pytest.approx(expected[last_octave].mean(), rel=0.15)
+    assert density[beyond].max() < 1e-3 * expected[beyond].min()
+
+
 def test_height_is_exact_on_grid_points_and_linear_between():
     field = terrain.rough("E", np.random.default_rng(0), (8.0, 6.0), centre=(3.0, -2.0))
     ny, nx = field.heights.shape
@@ -108,6 +122,9 @@ def test_missing_file_three_dimensions_and_objects_are_refused(tmp_path):
         lambda: terrain.flat((math.nan, 50.0)),
         lambda: terrain.flat(spacing_m=0.0),
         lambda: terrain.rough("A", np.random.default_rng(0), spacing_m=0.5),
+        lambda: terrain.rough("A", np.random.default_rng(0), shortest_wave_m=0.19),
+        lambda: terrain.rough("A", np.random.default_rng(0), shortest_wave_m=20.0),
+        lambda: terrain.rough("A", np.random.default_rng(0), shortest_wave_m=math.nan),
         lambda: terrain.flat().tilted(-0.1),
         lambda: terrain.flat().tilted(math.nan),
         lambda: terrain.flat().tilted(0.1, math.inf),
