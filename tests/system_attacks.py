@@ -270,24 +270,23 @@ def deaths(folder):
 
 
 def soak(folder):
-    """A run of six simulated hours: it completes, and its memory does not grow without end."""
+    """Runs of 6 and 24 simulated hours: each completes, and its memory has an end."""
+    laps = ("path.laps=100", "path.speed_mps=0.6")  # as many as a path may have
+    large = ("path.radius_m=40.0", "path.centre_distance_m=125.0")
+    field = ("terrain.size_x_m=250.0", "terrain.size_y_m=130.0")
 
-    def peak_mb():
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-
-    def driven():
-        # 100 laps of 137 m, as many as a path may have.
-        changes = ("path.laps=100", "path.speed_mps=0.6")
+    def driven(changes, hours):
         summary, record = simulate(*load("grass", changes), 4999)
         assert summary.status == "completed", summary.failure
-        assert record[STATE].time_s[-1] > 6.0 * 3600.0, record[STATE].time_s[-1]
-        return str(peak_mb())
+        assert record[STATE].time_s[-1] > hours * 3600.0, record[STATE].time_s[-1]
+        return str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
 
-    def grows():
-        said = isolated(driven, 3600.0)
-        assert float(said) < 900.0, said  # of 160 laps; 319 MB at 20, 451 MB at 100
+    def stays_below(most_mb, changes, hours):
+        said = isolated(partial(driven, changes, hours), 3600.0)
+        assert float(said) < most_mb, said
 
-    yield grows
+    yield partial(stays_below, 900.0, laps, 6.0)
+    yield partial(stays_below, 1500.0, (*laps, *large, *field), 24.0)
 
 
 CLASSES = (disks, read_only, locales, wires, clusters, caches, deaths, soak)
