@@ -21,7 +21,7 @@ STEPS: Final = np.dtype(
         ("offsets", "f8", (_KEPT, 2)),  # of both positions [m], newest last
         ("filled", "f8"),  # number of offsets
         ("usual", "f8", 2),  # mean difference of offsets a second apart [m]
-        ("wait", "f8"),  # positions until the next difference is looked at
+        ("wait", "f8"),  # positions until the difference with the peak has left, 0: no peak waits
         ("peak", "f8", 2),  # largest difference since the last step [m]
         ("sum", "f8", 2),  # of the steps [m]
     ]
@@ -65,10 +65,11 @@ def observe_steps(
 
     Their offset is that from the integral of the velocities which they measure; without these it is
     that from dead reckoning. The difference of the mean offset in the last 0.6 s and a second
-    before is taken less its usual value, that of slopes and slips. Of each of its peaks s that
-    exceeds the noise n,
+    before is taken less its usual value, that of slopes and slips. A step leaves the differences
+    after a second; what stays of it then is a rate, such as that of a wrong encoder or of a drift.
+    Of each peak s that exceeds the noise n, and of the share p that has stayed,
 
-        S <- exp(-T / 180 s) S + s max(0, 1 - n^2 / |s|^2).
+        S <- exp(-T / 180 s) S + (1 - p) s max(0, 1 - n^2 / |s|^2).
 
     The statistic is |S| over its bound: stairs in one direction add up, bumps go back. The alarm
     stands until `resume`, since a step that lasts is no less wrong than a new one.
@@ -125,6 +126,7 @@ def observe_steps(
 def _forget(memory: Record) -> None:
     """Begin anew with the differences; the sum of steps stays."""
     memory.filled = 0.0
+    memory.wait = 0.0
     memory.peak[:] = 0.0
 
 
@@ -153,13 +155,18 @@ def _take_offset(memory: Record, x: float, y: float, noise_m: float) -> None:
     offsets[_KEPT - 1, 0] = x
     offsets[_KEPT - 1, 1] = y
     memory.filled = min(memory.filled + 1.0, float(_KEPT))
-    memory.wait -= 1.0
-    if memory.filled < _KEPT or memory.wait > 0.0:
+    if memory.filled < _KEPT:
+        return
+    if memory.wait > 1.0:
+        memory.wait -= 1.0
         return
 
     step_x = _difference(offsets, 0) - memory.usual[0]
     step_y = _difference(offsets, 1) - memory.usual[1]
     length = math.hypot(step_x, step_y)
+    if memory.wait > 0.0:
+        memory.wait = 0.0
+        _add_step(memory, step_x, step_y, noise_m)
     limited = _USUAL * min(1.0, noise_m / max(length, 1e-9))
     memory.usual[0] += limited * step_x
     memory.usual[1] += limited * step_y
@@ -167,14 +174,22 @@ def _take_offset(memory: Record, x: float, y: float, noise_m: float) -> None:
     # A step grows in the differences, stays and leaves them: it counts where it was largest
     peak_m = math.hypot(memory.peak[0], memory.peak[1])
     if length < peak_m and peak_m > noise_m:
-        share = 1.0 - (noise_m / peak_m) ** 2
-        memory.sum[0] += share * memory.peak[0]
-        memory.sum[1] += share * memory.peak[1]
-        memory.peak[:] = 0.0
         memory.wait = _PASSES
     else:
         memory.peak[0] = step_x
         memory.peak[1] = step_y
+
+
+@kernel
+def _add_step(memory: Record, after_x: float, after_y: float, noise_m: float) -> None:
+    """Add the step of the peak to the sum, without what has stayed of it after it has passed."""
+    peak_m = math.hypot(memory.peak[0], memory.peak[1])
+    stayed_m = (after_x * memory.peak[0] + after_y * memory.peak[1]) / peak_m
+    stayed = min(1.0, stayed_m / peak_m) if stayed_m > noise_m else 0.0
+    share = (1.0 - stayed) * max(0.0, 1.0 - (noise_m / peak_m) ** 2)
+    memory.sum[0] += share * memory.peak[0]
+    memory.sum[1] += share * memory.peak[1]
+    memory.peak[:] = 0.0
 
 
 @kernel

@@ -22,10 +22,17 @@ NOISE = BUILT_IN[DetectorIndex.MANY].name
 RADIUS_M = 10.0
 
 
-def circling(monitors, seconds, wrong=lambda time_s: 0.0, rate=lambda true, time_s: true):
-    """Drive in a circle; return the begin of each alarm [s] by name.
+def circling(
+    monitors,
+    seconds,
+    wrong=lambda time_s: 0.0,
+    rate=lambda true, time_s: true,
+    wheels=lambda time_s: 1.0,
+):
+    """Drive in a circle at 1 m/s; return the begin of each alarm [s] by name.
 
-    `wrong` is an offset of both positions east [m], `rate` the yaw rate that both IMUs say.
+    `wrong` is an offset of both positions east [m], `rate` the yaw rate that both IMUs say,
+    `wheels` the speed that the encoder says.
     """
     rng = np.random.default_rng(4)
     begins = {}
@@ -33,7 +40,8 @@ def circling(monitors, seconds, wrong=lambda time_s: 0.0, rate=lambda true, time
         time_s = k * PERIOD_S
         angle = time_s / RADIUS_M
         place = RADIUS_M * np.array([math.cos(angle), math.sin(angle)])
-        samples = [Measurement(time_s, Sensor.ENCODER, (1.0 + rng.normal(0.0, 0.03),))]
+        speed = wheels(time_s) + rng.normal(0.0, 0.03)
+        samples = [Measurement(time_s, Sensor.ENCODER, (speed,))]
         for body in ("tractor", "trailer"):
             at = place + rng.normal(0.0, 0.03, 2) + (wrong(time_s), 0.0)
             samples.append(Measurement(time_s, Sensor(f"gnss_{body}"), tuple(at), 1))
@@ -59,6 +67,12 @@ def test_a_step_that_goes_back_is_none():
     monitors = Monitors(["drift", STEPS])
     circling(monitors, 80.0, lambda t: 0.15 * (30.0 < t < 50.0))
     assert not any(alarm.detector == STEPS for alarm in monitors.alarms)
+
+
+@pytest.mark.parametrize("share", [-0.2, -0.1, 0.1, 0.2])
+def test_a_wrong_encoder_is_a_rate_and_no_stairs(share):
+    begins = circling(Monitors(["drift", STEPS]), 120.0, wheels=lambda t: 1.0 + share * (t > 30.0))
+    assert STEPS not in begins
 
 
 @pytest.mark.parametrize(
