@@ -304,6 +304,7 @@ TICK: Final = np.dtype(
         ("sample", "f8"),  # of the reference to which the errors are
         ("stopping", "f8"),
         ("waits", "f8"),  # whether the reference stays at this tick
+        ("hurries", "f8"),  # whether it leaves one out
         ("expected", EXPECTED),
     ]
 )

@@ -6,13 +6,14 @@ from typing import Final
 import numpy as np
 
 from ..layout import FLOAT, AlarmColumn, SampleColumn
-from ..sensors import GNSS_OF_BODY, IMU_OF_BODY, Body, SensorIndex
+from ..sensors import GNSS_OF_BODY, IMU_OF_BODY, Body
 from ..types import FloatArray, State
 from .board import Record, TickData, has_alarm
 from .changes import COMPARISON, compare_changes
 from .ground import GROUND, ONSETS, WAYS, begin_onset, new_ground, place, travel
 from .gyro import begin_gyro_alarms
 from .history import kernel
+from .speeds import wheel_speed
 from .table import DetectorIndex
 from .velocity import contradicts_drift
 
@@ -196,7 +197,7 @@ def _take_slopes(memory: Record, rows: FloatArray) -> None:
 def _travel_tick(memory: Record, data: TickData, span_s: float) -> None:
     """Add the ways of both bodies in a tick."""
     state = data.estimate.state
-    distance = span_s * _wheel_speed(data)
+    distance = span_s * wheel_speed(data)
     turn = _wrapped(state[State.PSI_T] - memory.yaws[Body.TRACTOR])
     yaw = memory.yaws[Body.TRACTOR] + 0.5 * turn
     tractor = memory.receivers[Body.TRACTOR]
@@ -221,20 +222,6 @@ def _travel_tick(memory: Record, data: TickData, span_s: float) -> None:
 def _wrapped(angle: float) -> float:
     """Return an angle wrapped to half a turn."""
     return angle - math.tau * math.floor(angle / math.tau + 0.5)
-
-
-@kernel
-def _wheel_speed(data: TickData) -> float:
-    """Return the mean speed of the encoder in a tick; that of the estimate without a sample."""
-    total = 0.0
-    count = 0
-    for row in range(len(data.rows)):
-        sample = data.rows[row]
-        speed = sample[SampleColumn.FIRST]
-        if int(sample[SampleColumn.SENSOR]) == SensorIndex.ENCODER and math.isfinite(speed):
-            total += speed
-            count += 1
-    return total / count if count else data.estimate.state[State.V]
 
 
 @kernel

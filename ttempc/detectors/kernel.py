@@ -18,7 +18,14 @@ from .history import kernel
 from .hitch import HITCH, observe_hitch
 from .innovations import INNOVATIONS, observe_innovations
 from .many import MANY, observe_many
-from .motion import SPEED_SUMS, hold_motion, observe_motion, observe_wheels
+from .motion import (
+    HYDROSTAT,
+    SPEED_SUMS,
+    hold_motion,
+    observe_hydrostat,
+    observe_motion,
+    observe_wheels,
+)
 from .position import (
     LAST_ESTIMATE,
     POSITION,
@@ -49,6 +56,7 @@ DETECTORS: Final = np.dtype(
         ("speeds", SPEEDS),
         ("motion", SPEED_SUMS),
         ("wheels", SPEED_SUMS),
+        ("hydrostat", HYDROSTAT),
         ("last", LAST_ESTIMATE),
         ("hitch", HITCH),
         ("position", POSITION),
@@ -158,13 +166,15 @@ def _observe_receivers(s: Record, data: TickData) -> None:
 
 @kernel
 def _observe_speeds(s: Record, data: TickData) -> None:
-    """Run the detectors of motion and wheels."""
+    """Run the detectors of motion, wheels and hydrostat."""
     board = s.board
     measure_speeds(s.speeds, s.standstill, board, data)
     if board.enabled[DetectorIndex.MOTION]:
         observe_motion(s.motion, s.speeds, board)
     if board.enabled[DetectorIndex.WHEELS]:
         observe_wheels(s.wheels, s.speeds, board)
+    if board.enabled[DetectorIndex.HYDROSTAT]:
+        observe_hydrostat(s.hydrostat, s.speeds, board)
 
 
 @kernel

@@ -11,7 +11,7 @@ from ..errors import InvalidTuning
 from ..layout import ALARM, ESTIMATE, INNOVATION, SAMPLE, AlarmColumn, measurements_of
 from ..models.augmented_state import vehicle_parameters
 from ..suggestion import did_you_mean
-from ..types import Command, Estimate, FloatArray, Sensor
+from ..types import Command, Estimate, FloatArray, Input, Sensor
 from ..vehicle import Vehicle
 from .board import ENDS, NO_ALARM
 from .drift import DRIFT, new_drift
@@ -244,6 +244,14 @@ class Monitors:
             if row[AlarmColumn.REACTION] >= 0.0:
                 excluded += [_SENSORS.index(sensor) for sensor in self._said[index].unused]
         return rows[~np.isin(rows[:, 1], excluded)] if excluded else rows
+
+    def obeyed(self, sent: FloatArray) -> FloatArray:
+        """Return a command (3,) with NaN for a hydrostat that an alarm says does not obey."""
+        if self._board["alarms"][DetectorIndex.HYDROSTAT, AlarmColumn.REACTION] < 0.0:
+            return sent
+        obeyed = sent.copy()
+        obeyed[Input.HP] = math.nan
+        return obeyed
 
     def _alarm(self, index: int, row: Sequence[float]) -> Alarm:
         if index >= self._count:

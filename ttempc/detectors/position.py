@@ -9,11 +9,13 @@ from typing import Final
 import numpy as np
 
 from ..layout import AlarmColumn
+from ..sensors import SensorIndex
 from ..types import Disturbance, FloatArray, State
 from .board import WARN, Record, TickData, has_alarm
 from .history import kernel
 from .hitch import SETTLED_S
 from .motion import wheels_spin
+from .speeds import wheel_speed
 from .table import DetectorIndex
 
 LAST_ESTIMATE: Final = np.dtype(
@@ -150,8 +152,10 @@ def observe_position(
     dx = state[State.X] - last.x - distance * (math.cos(yaw) - slip * math.sin(yaw))
     dy = state[State.Y] - last.y - distance * (math.sin(yaw) + slip * math.cos(yaw))
 
-    reacts = board.alarms[DetectorIndex.WHEELS, AlarmColumn.REACTION] > WARN
-    if (reacts or has_alarm(board, DetectorIndex.MOTION)) and wheels_spin(motion, wheels):
+    of_wheels = board.alarms[DetectorIndex.WHEELS, AlarmColumn.REACTION]
+    if board.excluded[SensorIndex.ENCODER] == 0.0 and of_wheels != WARN:
+        dx, dy = _beyond_wheels(dx, dy, yaw, wheel_speed(data) * data.span_s - distance)
+    if (of_wheels > WARN or has_alarm(board, DetectorIndex.MOTION)) and wheels_spin(motion, wheels):
         memory.spun_s = data.now
         dx, dy = _without_spin(dx, dy, yaw, distance)
     if data.span_s > 0.0 and math.isfinite(dx + dy):
@@ -163,6 +167,18 @@ def observe_position(
     board.statistic[index] = ratio if data.now >= SETTLED_S and not is_truth else 0.0
     board.residual[index] = length
     board.proposed[index, AlarmColumn.FIRST] = length
+
+
+@kernel
+def _beyond_wheels(dx: float, dy: float, yaw: float, more: float) -> tuple[float, float]:
+    """Return the offset of a tick [m] without what the wheels have rolled `more` than the estimate.
+
+    A hydrostat that does not follow its command leaves the estimate slower or faster than the
+    vehicle: what lies between both distances is no jump.
+    """
+    along = dx * math.cos(yaw) + dy * math.sin(yaw)
+    explained = min(max(along, min(0.0, more)), max(0.0, more))
+    return dx - explained * math.cos(yaw), dy - explained * math.sin(yaw)
 
 
 @kernel

@@ -12,7 +12,7 @@ import numpy as np
 from ..layout import FLOAT, SampleColumn
 from ..models.augmented_state import VehicleParameter
 from ..sensors import SENSOR_KINDS, SensorIndex, SensorKind
-from ..types import FloatArray, Input
+from ..types import FloatArray, Input, State
 from .board import Record, TickData
 from .history import Entry, forget, kernel, mean_in_span, median, remember
 from .standstill import add_position
@@ -93,6 +93,20 @@ def measure_speeds(memory: Record, standstill: Record, board: Record, data: Tick
     memory.known = 0.0
     if new:
         _measure_ground(memory)
+
+
+@kernel
+def wheel_speed(data: TickData) -> float:
+    """Return the mean speed of the encoder in a tick; that of the estimate without a sample."""
+    total = 0.0
+    count = 0
+    for row in range(len(data.rows)):
+        sample = data.rows[row]
+        speed = sample[SampleColumn.FIRST]
+        if int(sample[SampleColumn.SENSOR]) == SensorIndex.ENCODER and math.isfinite(speed):
+            total += speed
+            count += 1
+    return total / count if count else data.estimate.state[State.V]
 
 
 @kernel

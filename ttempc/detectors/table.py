@@ -50,6 +50,7 @@ class DetectorIndex(IntEnum):
     GYRO_TRAILER = 28
     CLOCK = 29
     MANY = 30
+    HYDROSTAT = 31
 
 
 COUNT: Final = len(DetectorIndex)
@@ -279,6 +280,12 @@ BUILT_IN: Final[dict[DetectorIndex, BuiltIn]] = {
         limit=1.4,  # sensors
         reaction=Reaction.SLOW,
         words="{:.1f} sensors at a time contradict the estimate: their noise has grown",
+    ),
+    DetectorIndex.HYDROSTAT: BuiltIn(
+        name="hydrostat",
+        limit=0.5,  # [m/s]
+        reaction=Reaction.WARN,
+        words="hydrostat told {:.2f} m/s, wheels and GNSS go {:.2f} m/s: command not used",
     ),
 }
 """Built-in detectors by index."""

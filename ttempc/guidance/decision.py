@@ -39,6 +39,7 @@ _ALARM_FREE_S: Final = 2.0  # before a vehicle that stands drives on; assumed
 _RESTARTS: Final = 1
 _FORGOTTEN_S: Final = 60.0  # of driving after which the restarts count anew; assumed
 _UP_TO_SPEED: Final = 0.8  # share of the reference's speed from which on it waits no more; assumed
+_RUN_AWAY_M: Final = 0.5  # by which a vehicle leaves a reference that would wait behind; assumed
 _MARGIN_M: Final = 0.5  # beside what a line acquisition needs; assumed
 _MARGIN_YAW: Final = math.radians(30.0)  # for a trailer that is turned first; assumed
 _DELAY_S: Final = 1.0  # until the steering turns a vehicle back; assumed
@@ -380,7 +381,8 @@ def _let_reference_wait(
 ) -> None:
     """Let the reference wait where it is ahead of a vehicle that is slowed down.
 
-    It waits until the vehicle is up to speed again.
+    It waits until the vehicle is up to speed again. Where it falls behind one that does not slow
+    down, it leaves ticks out: that vehicle is steered along its path, not back to a place on it.
     """
     if t.reason != 0.0:
         g.waiting = 1.0
@@ -389,5 +391,6 @@ def _let_reference_wait(
     turned = t.tracking[BodyError.PSI_T]
     along = t.tracking[BodyError.X_T] * math.cos(turned)
     along += t.tracking[BodyError.Y_T] * math.sin(turned)
-    is_ahead = along * reference.gear >= 0.0
-    t.waits = 1.0 if g.waiting != 0.0 and is_ahead else 0.0
+    ahead_m = along * reference.gear
+    t.waits = 1.0 if g.waiting != 0.0 and ahead_m >= 0.0 else 0.0
+    t.hurries = 1.0 if g.waiting != 0.0 and ahead_m < -_RUN_AWAY_M else 0.0

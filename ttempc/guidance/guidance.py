@@ -142,10 +142,12 @@ class Guidance(GuidanceReport):
         rows = self._clock.from_start(rows)
         self._take_on_learnt()
 
-        # The filter gets no samples of sensors that the detectors' last alarms exclude.
+        # The filter gets no samples of sensors that the detectors' last alarms exclude, and no
+        # command that they say the vehicle does not obey.
         usable = self._monitors.usable(rows)
+        obeyed = self._monitors.obeyed(self._sent)
         self.estimate_record, self._innovations, self._estimate = self._pipeline.observe(
-            now, usable, self._sent, self.tick, self.reference_tick
+            now, usable, self._sent, obeyed, self.tick, self.reference_tick
         )
         self._clock.updated_s = now
         self._steps_since_update = 0
@@ -196,7 +198,7 @@ class Guidance(GuidanceReport):
         self._notes = ()
         self._control_step = None
         self.tick += 1
-        self.reference_tick += not supervisor.waits
+        self.reference_tick += supervisor.reference_ticks
         return Command(*self._sent.tolist())
 
     def resume(self) -> None:

@@ -206,11 +206,18 @@ class Pipeline:
             source.warm_up()
 
     def observe(
-        self, now: float, rows: FloatArray, sent: FloatArray, tick: int, reference_tick: int
+        self,
+        now: float,
+        rows: FloatArray,
+        sent: FloatArray,
+        obeyed: FloatArray,
+        tick: int,
+        reference_tick: int,
     ) -> tuple[FloatArray, FloatArray, Estimate | None]:
         """Run the estimator to a time; return `ESTIMATE`, rows of innovations, and its own object.
 
-        A user's estimator gets objects, and its estimate is copied into the record.
+        A user's estimator gets objects, and its estimate is copied into the record. It gets the
+        command that was `sent`, the filter the one that is `obeyed`, NaN where an input is not.
 
         Raises:
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
@@ -220,7 +227,7 @@ class Pipeline:
             change = sum(
                 (source.change(reference_tick) for source in self._of_reference), NO_CHANGE
             )
-            return *estimator.observe(now, rows, sent, change), None
+            return *estimator.observe(now, rows, obeyed, change), None
 
         command = Command(*sent.tolist()) if tick else None
         with user_part(EstimatorFailed, f"the estimator raised at {now:.3f} s"):

@@ -99,7 +99,7 @@ class Supervisor:
 
     While the supervisor slows or stops the vehicle, except for a corridor or the hitch angle, and
     until it is up to speed again, the reference waits at every tick at which it is ahead of the
-    vehicle (`waits`).
+    vehicle, and leaves ticks out where it falls behind one that does not obey.
 
     `reasons` returns the words of an alarm from its index and its row of `ALARM` entries.
     """
@@ -221,9 +221,10 @@ class Supervisor:
         write_command(True, self._reference, self._commands.copy(), guard, tick)
 
     @property
-    def waits(self) -> bool:
-        """Whether the reference stays at the tick of the last step."""
-        return bool(self.tick.view(TICK)[0]["waits"])
+    def reference_ticks(self) -> int:
+        """By how many ticks the reference goes on after the last step: 0, 1 or 2."""
+        tick = self.tick.view(TICK)[0]
+        return 1 - int(tick["waits"]) + int(tick["hurries"])
 
     def decide(self, row: FloatArray | None, k: int, now: float, alarms: FloatArray) -> bool:
         """Begin the record `tick` of a step; return whether the controller is to be asked.

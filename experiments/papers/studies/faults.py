@@ -38,6 +38,7 @@ _CHECKED: Final = (
     "{kind='gnss_drift', start_s=13.0, rate_mps=0.1, receiver='trailer'}",
 )
 _STANDS: Final = 0.05  # [m/s]
+_PATH_STEP_M: Final = 0.02
 _TOGETHER_S: Final = 1.0  # in which alarms count as one; assumed
 _NEVER: Final = np.inf  # time of a reaction that did not come
 
@@ -52,11 +53,21 @@ def distance_off(record: Record) -> tuple[FloatArray, FloatArray]:
     moves = np.abs(state["v_mps"]) > _STANDS
     off = np.zeros(np.count_nonzero(moves))
     for body in BODIES.values():
-        path = reference.columns(f"x_{body}_m", f"y_{body}_m")
+        path = _dense(reference.columns(f"x_{body}_m", f"y_{body}_m"))
         places = state.columns(f"x_{body}_m", f"y_{body}_m")[moves]
         if len(places):
             off = np.maximum(off, KDTree(path).query(places)[0])
     return state.time_s[moves], off
+
+
+def _dense(path: FloatArray) -> FloatArray:
+    """Return points every 2 cm between those of a path, (m, 2) [m].
+
+    A reference that leaves ticks out, after a vehicle that does not stop, has gaps.
+    """
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    even = np.arange(0.0, length[-1], _PATH_STEP_M)
+    return np.column_stack([np.interp(even, length, axis) for axis in path.T])
 
 
 def start_of(scenario: Scenario) -> float:

@@ -33,3 +33,19 @@ def test_recovers_from_a_metre_and_twenty_degrees_in_fifteen_metres(lateral_m):
     assert (np.abs(np.diff(commands)) - most).max() < 1e-9
     assert (vehicle.input_min[:, None] - commands).max() < 1e-9
     assert (commands - vehicle.input_max[:, None]).max() < 1e-9
+
+
+def test_a_vehicle_whose_hydrostat_is_stuck_is_steered_along_its_path():
+    """It rolls on at 1 m/s, whatever the supervisor sends: the reference goes with it."""
+    changes = ["sensors.imu.on=true", 'faults=[{kind="hydrostat_stuck",start_s=20.0}]']
+    assembly = assemble(load("side-slope", changes)[1], 8)
+    recorder = Recorder()
+    drive(assembly.setup(recorder), 400)
+    alarms = {alarm.detector for alarm in assembly.guidance.alarms}
+    assert alarms >= {"hydrostat", "motion"}
+    assert "position" not in alarms
+
+    errors = tracking_errors(recorder.record())
+    assert errors.time_s[-1] > 75.0
+    assert np.abs(errors.tractor.cross_m).max() < 0.25
+    assert np.abs(errors.tractor.along_m).max() < 1.0

@@ -60,6 +60,38 @@ def test_a_vehicle_that_does_not_obey_its_hydrostat(stops):
 
 
 @pytest.mark.parametrize(
+    ("wheels_mps", "ground_mps", "planned_mps", "noticed"),
+    [
+        (1.05, 1.0, 0.5, True),  # it is stuck, and the vehicle rolls on
+        (0.5, 0.5, 1.0, True),  # it gives less than it is told
+        (1.05, 1.0, 1.0, False),
+        (1.2, 0.8, 1.0, False),  # the wheels slip
+        (1.0, 0.0, 1.0, False),  # receivers that stand still
+        (0.5, 1.0, 1.0, False),  # an encoder that is wrong
+        (3.4, 3.3, 4.0, False),  # a climb at speed
+    ],
+)
+def test_a_hydrostat_is_named_where_wheels_and_ground_agree_on_another_speed(
+    wheels_mps, ground_mps, planned_mps, noticed
+):
+    rng = np.random.default_rng(8)
+    monitors = Monitors(["hydrostat"])
+    command = Command(0.1, 0.0, planned_mps / VEHICLE.speed_gain)
+    place = 0.0
+    for k in range(75):
+        place += PERIOD_S * ground_mps
+        seen = observation(k, speeds(k, wheels_mps, place, rng), command)
+        named = bool(observed(monitors, seen))
+    assert named is noticed
+
+    # the filter gets no command of a hydrostat that is named
+    sent = command.as_array()
+    obeyed = monitors.obeyed(sent)
+    assert np.isnan(obeyed).tolist() == [False, False, noticed]
+    assert np.isfinite(sent).all()
+
+
+@pytest.mark.parametrize(
     ("planned_mps", "share", "noticed"),
     [(4.0, 0.83, False), (4.0, 0.5, True), (1.0, 0.83, False), (1.0, 0.1, True)],
 )

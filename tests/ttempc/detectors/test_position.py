@@ -1,6 +1,7 @@
 """Position and protection level: jumps, spinning wheels, and what a bound promises."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from ttempc.detectors.interface import Reaction
 from ttempc.detectors.monitors import Monitors
 from ttempc.detectors.position import _without_spin
 from ttempc.detectors.table import BUILT_IN, DetectorIndex
-from ttempc.types import Sensor
+from ttempc.types import Measurement, Sensor
 
 
 @pytest.mark.parametrize(("jump_m", "noticed"), [(0.1, False), (0.5, True), (3.0, True)])
@@ -47,6 +48,19 @@ def test_a_jump_has_ended_where_less_than_a_quarter_of_the_bound_of_37_cm_is_lef
         jump_m = left_m if k >= 80 else 0.5 if k >= 60 else 0.0
         alarm = monitor.alarm(moving(k, k * PERIOD_S + jump_m, slip_t=1e-9))
         assert bool(alarm) is (60 <= k < 80 or (k >= 80 and not ends))
+
+
+@pytest.mark.parametrize(("wheels_mps", "jumps"), [(None, True), (1.0, True), (1.3, False)])
+def test_a_way_that_the_wheels_have_rolled_is_no_jump(wheels_mps, jumps):
+    """The estimate says 1 m/s and the position goes at 1.2 m/s: do the wheels go as fast?"""
+    monitor = Alone(DetectorIndex.POSITION)
+    for k in range(120):
+        seen = moving(k, 1.2 * k * PERIOD_S, slip_t=1e-9)
+        if wheels_mps is not None:
+            sample = Measurement(seen.time_s, Sensor.ENCODER, (wheels_mps,))
+            seen = replace(seen, samples=[sample])
+        alarm = monitor.alarm(seen)
+    assert bool(alarm) == jumps
 
 
 def test_a_position_that_was_uncertain_may_come_back():

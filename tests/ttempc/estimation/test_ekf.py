@@ -67,6 +67,22 @@ def test_innovations_are_as_large_as_predicted(drives, sensor):
     assert low < squares.sum() / freedom < high
 
 
+@pytest.mark.parametrize("named", [True, False])
+def test_without_its_hydrostat_the_filter_goes_as_fast_as_the_wheels(named):
+    """The vehicle rolls on at 1 m/s under a command to stop; the filter knows that or does not."""
+    drive = SensedDrive(3).run(100)
+    sensed, commands = zip(*drive.received, strict=True)
+    estimator = ExtendedKalmanFilter(VEHICLE)
+    for k, (samples, command) in enumerate(zip(sensed, commands, strict=True)):
+        sent = command
+        if k >= 50:
+            sent = replace(command, hp=math.nan if named else 0.0)
+        estimate = estimator.update(k * PERIOD_S, samples, sent)
+    error = estimate.state - drive.states[-1]
+    assert (abs(error[State.V]) < 0.05) == named
+    assert (math.hypot(*error[:2]) < 0.1) == named
+
+
 def test_estimate_is_nan_until_the_set_is_complete():
     state = REFERENCE.at(0.0).state
     readings = perfect_set(state, 0.0)

@@ -173,7 +173,7 @@ def test_an_alarm_stops_the_vehicle_and_the_reference_waits_for_it():
     supervisor = supervised()
     for k in range(20):
         supervisor.step(on_reference(k), k, k * PERIOD_S)
-        assert not supervisor.waits
+        assert supervisor.reference_ticks == 1
 
     def standing(k):
         estimate = on_reference(k)
@@ -182,15 +182,17 @@ def test_an_alarm_stops_the_vehicle_and_the_reference_waits_for_it():
     behind = supervisor.step(standing(10), 20, 4.0, [ALARM])
     assert behind.diagnostics.stopping
     assert behind.diagnostics.fallback == f"{ALARM.reason}: stopped"
-    assert supervisor.waits
+    assert supervisor.reference_ticks == 0
+    supervisor.step(standing(22), 20, 4.2, [ALARM])
+    assert supervisor.reference_ticks == 1  # the reference catches up
     supervisor.step(standing(25), 20, 4.2, [ALARM])
-    assert not supervisor.waits  # the reference catches up
+    assert supervisor.reference_ticks == 2  # with a vehicle that runs away
     after = [supervisor.step(standing(20), 20, 4.2 + PERIOD_S * n) for n in range(1, 15)]
     stopping = [step.diagnostics.stopping for step in after]
     assert stopping == [True] * 9 + [False] * 5  # 2 s after the alarm
-    assert supervisor.waits  # until the vehicle is up to speed
+    assert supervisor.reference_ticks == 0  # until the vehicle is up to speed
     supervisor.step(replace(on_reference(19), time_s=8.0), 20, 8.0)
-    assert not supervisor.waits
+    assert supervisor.reference_ticks == 1
 
 
 def stopping():

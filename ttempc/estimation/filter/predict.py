@@ -40,6 +40,11 @@ _FIRST_INPUT: Final = 1
 _FIRST_CHANGE: Final = 1 + INPUTS
 _SLIPS: Final = int(AugmentedState.SLIP_T)  # the first of the mapped disturbances
 
+# Walk of the wheel speed where the hydrostat is not known [(m/s)/sqrt(s)], in a second a tenth of a
+# working speed; assumed
+_UNKNOWN_DRIVE: Final = 0.1
+_STANDS_MPS: Final = 0.05
+
 
 @cached_njit()
 def steps_over(span_s: float) -> int:
@@ -277,8 +282,8 @@ def predict_until(
         end_s = _half_changes(commands, count, now.time_s, end_s, until_s, half)
         if end_s >= until_s - SAME_TIME_S:
             end_s = until_s
-        _keep_unknown_inputs(parameters, snapshot, command)
         span_s = end_s - now.time_s
+        _keep_unknown_inputs(parameters, snapshot, command, span_s)
         for i in range(MAPPED):
             now.augmented[0, _SLIPS + i] += half[i]
         predict(parameters, snapshot, command, span_s, steps_over(span_s))
@@ -316,8 +321,14 @@ def _half_changes(
 
 
 @cached_njit(error_model="numpy")
-def _keep_unknown_inputs(parameters: FloatArray, snapshot: FloatArray, command: FloatArray) -> None:
-    """Replace inputs of a command (3,) that are NaN by those that change nothing."""
+def _keep_unknown_inputs(
+    parameters: FloatArray, snapshot: FloatArray, command: FloatArray, span_s: float
+) -> None:
+    """Replace inputs of a command (3,) that are NaN by those that change nothing.
+
+    The speed of a vehicle that rolls without a known hydrostat may change by itself: its variance
+    grows over the span [s].
+    """
     f = record(parameters, FILTER)
     now = record(snapshot, SNAPSHOT)
     for i in range(Input.HP):
@@ -325,4 +336,9 @@ def _keep_unknown_inputs(parameters: FloatArray, snapshot: FloatArray, command: 
             command[i] = now.valves[i]
     if math.isnan(command[Input.HP]):
         wheel_speed = now.augmented[0, AugmentedState.WHEEL_SPEED]
-        command[Input.HP] = wheel_speed / f.vehicle[VehicleParameter.SPEED_GAIN]
+        drive = now.augmented[0, AugmentedState.DRIVE]
+        lost = f.vehicle[VehicleParameter.SPEED_TIME_CONSTANT] * drive
+        command[Input.HP] = (wheel_speed - lost) / f.vehicle[VehicleParameter.SPEED_GAIN]
+        if abs(wheel_speed) > _STANDS_MPS:
+            own = now.covariances[0, AugmentedState.WHEEL_SPEED]
+            own[AugmentedState.WHEEL_SPEED] += _UNKNOWN_DRIVE**2 * span_s
