@@ -272,7 +272,7 @@ class Controller(ABC):
 
     A controller owns its reference and its memory; it never sees the plant. Tick k belongs to
     time k * period of the reference. It waits where the supervisor slows the vehicle: then k
-    repeats.
+    repeats. It leaves a tick out where the vehicle does not slow down and runs away from it.
 
     Only `step` must be written. A guidance also takes an object that has `step` and derives from
     nothing; of the other methods it calls those that the object has.

@@ -70,7 +70,8 @@ class Guidance(GuidanceReport):
 
     Time stamps are seconds on any one clock. The first `update` defines the start of the reference.
     Tick k, the k-th call of `step`, belongs to k * `period_s` on the reference, which waits where
-    the supervisor slows or stops the vehicle (`reference_tick`); a missed period delays it.
+    the supervisor slows or stops the vehicle, and goes with one that does not obey
+    (`reference_tick`); a missed period delays it.
 
     While it drives it learns parameters of the model (`ttempc.learning`). Where the data contradict
     the given ones, estimator, reference and controller are made anew in another thread and
