@@ -275,18 +275,15 @@ def soak(folder):
     large = ("path.radius_m=40.0", "path.centre_distance_m=125.0")
     field = ("terrain.size_x_m=250.0", "terrain.size_y_m=130.0")
 
-    def driven(changes, hours):
+    def driven(changes, hours, most_mb):
         summary, record = simulate(*load("grass", changes), 4999)
         assert summary.status == "completed", summary.failure
         assert record[STATE].time_s[-1] > hours * 3600.0, record[STATE].time_s[-1]
-        return str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
+        peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        assert peak_mb < most_mb, peak_mb
 
-    def stays_below(most_mb, changes, hours):
-        said = isolated(partial(driven, changes, hours), 3600.0)
-        assert float(said) < most_mb, said
-
-    yield partial(stays_below, 900.0, laps, 6.0)
-    yield partial(stays_below, 1500.0, (*laps, *large, *field), 24.0)
+    yield partial(driven, laps, 6.0, 900.0)
+    yield partial(driven, (*laps, *large, *field), 24.0, 3000.0)
 
 
 CLASSES = (disks, read_only, locales, wires, clusters, caches, deaths, soak)
