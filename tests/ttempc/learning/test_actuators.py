@@ -143,6 +143,13 @@ def test_a_wrong_lag_is_corrected_and_its_reason_told():
     assert str(result.changes[1]).startswith("vehicle.steering_lag_t 0.15 -> 0.")
 
 
+def test_a_dead_time_of_the_hydrostat_at_the_end_of_its_range_is_none():
+    """Those of the steerings count: their gain is known."""
+    result = ActuatorIdentifier().identify(drive(4, (1.3, 1.3, 1.3), seconds=60.0), VEHICLE)
+    assert {change.name for change in result.changes} >= {"dead_time_t", "dead_time_i"}
+    assert result.vehicle.dead_time_hp == VEHICLE.dead_time_hp
+
+
 def test_without_excitation_nothing_is_known_and_nothing_changes():
     window = drive(1, (0.5, 0.5, 0.5), sd=0.0)
     assert ActuatorIdentifier().identify(window, VEHICLE).changes == ()
