@@ -127,7 +127,8 @@ def observe_position(
         o <- exp(-T / 10 s) o + c d,   c = max(0, 1 - max(0, 4 sd - 0.2 m) / |d|).
 
     With c, what an estimate corrects of the error sd that it stated before, as after an outage,
-    does not count. The distance that spinning wheels lose is taken off d, see `_without_spin`.
+    does not count. What the wheels have rolled beside v T is taken off d, see `_beyond_wheels`, and
+    the distance that spinning wheels lose, see `_without_spin`.
 
     The statistic is |o| over `position_bound`, its limit 1; it is 0 in the first 8 s. Under an
     alarm both factors are 1 and the statistic is twice as large, so that a jump is not believed

@@ -43,7 +43,7 @@ _SLIPS: Final = int(AugmentedState.SLIP_T)  # the first of the mapped disturbanc
 # Walk of the wheel speed where the hydrostat is not known [(m/s)/sqrt(s)], in a second a tenth of a
 # working speed; assumed
 _UNKNOWN_DRIVE: Final = 0.1
-_STANDS_MPS: Final = 0.05
+_STANDS_MPS: Final = 0.05  # below it nothing is added: before the first command a vehicle stands
 
 
 @cached_njit()
